@@ -1,0 +1,222 @@
+"""The algorithms recover known answers, repeat themselves, and resume exactly."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from tests.toy_task import ToyEnvironment, toy_expert
+from vic_toolbox.errors import FileError, InputError
+from vic_toolbox.learning import (
+    Airl,
+    AirlConfiguration,
+    CloningConfiguration,
+    DiscriminatorConfiguration,
+    ExpertData,
+    GaussianPolicy,
+    PolicySearchConfiguration,
+    RewardNetwork,
+    Transfer,
+    TransferConfiguration,
+    action_error,
+    clone,
+    load_policy,
+    load_reward,
+    save_policy,
+    save_reward,
+)
+from vic_toolbox.learning.checkpoints import load_tensors, save_tensors
+from vic_toolbox.learning.reward import train_discriminator
+
+SEARCH = PolicySearchConfiguration(environments=16)
+SETTINGS = AirlConfiguration(iterations=12, search=SEARCH, restart_after=1000, sharpen_iterations=5)
+
+
+def test_the_discriminator_recovers_a_known_reward():
+    """Expert `a ~ N(W o, s²)`: the optimal logit is `log π_E − log π`, so r must equal log π_E, constant included."""
+    generator = torch.Generator().manual_seed(0)
+    count, spread, width = 20000, 0.5, 1.0
+    slope = torch.tensor([[0.6], [-0.4]])
+
+    def normal(mean, std, actions):
+        return torch.distributions.Normal(mean, std).log_prob(actions)[:, 0]
+
+    def samples(std):
+        observations = torch.randn(count, 2, generator=generator)
+        mean = observations @ slope if std == spread else torch.zeros(count, 1)
+        return observations, mean + std * torch.randn(count, 1, generator=generator)
+
+    (expert_o, expert_a), (policy_o, policy_a) = samples(spread), samples(width)
+    zero = torch.zeros(count, 1)
+    reward = RewardNetwork(2, 1, seed=0)
+    for steps, rate in ((1500, 3e-3), (1500, 5e-4)):
+        train_discriminator(
+            reward,
+            (torch.cat([expert_o, expert_a], 1), normal(zero, width, expert_a)),
+            (torch.cat([policy_o, policy_a], 1), normal(zero, width, policy_a)),
+            slope_bound=1e9,
+            configuration=DiscriminatorConfiguration(steps=steps, learning_rate=rate, penalty=0.0),
+            rng=np.random.default_rng(steps),
+        )
+    observations = torch.randn(2000, 2, generator=generator)
+    actions = observations @ slope + spread * torch.randn(2000, 1, generator=generator)
+    learned = reward.value(torch.cat([observations, actions], 1))
+    truth = normal(observations @ slope, spread, actions)
+    assert float((learned - truth).square().mean().sqrt()) < 0.15
+    assert abs(float((learned - truth).mean())) < 0.06
+    assert float(torch.corrcoef(torch.stack([learned, truth]))[0, 1]) > 0.97
+
+
+def test_the_slope_bound_bounds_the_slope():
+    rng = np.random.default_rng(0)
+    expert = torch.randn(400, 3, generator=torch.Generator().manual_seed(0)) * 0.05 + 1.0
+    policy = torch.randn(400, 3, generator=torch.Generator().manual_seed(1))
+    reward = RewardNetwork(2, 1, seed=0)
+    zeros = torch.zeros(400)
+    settings = DiscriminatorConfiguration(steps=800, batch=128)
+    train_discriminator(reward, (expert, zeros), (policy, zeros), slope_bound=1.0, configuration=settings, rng=rng)
+    z = torch.lerp(policy, expert, torch.rand(400, 1)).requires_grad_()
+    with torch.enable_grad():
+        (slope,) = torch.autograd.grad(reward.value(z).sum(), z)
+    assert float(slope.norm(dim=1).quantile(0.95)) < 1.3
+
+
+def test_cloning_recovers_the_expert():
+    environment = ToyEnvironment(100)
+    expert = toy_expert(environment)
+    policy = fresh_policy(environment)
+    settings = CloningConfiguration(steps=3000, batch=256)
+    error = clone(
+        policy, expert.training, expert.held_out, configuration=settings, rng=np.random.default_rng(0)
+    )
+    assert error < 0.02
+    assert error == pytest.approx(action_error(policy, *expert.held_out))
+
+
+def fresh_policy(environment: ToyEnvironment, seed: int = 0) -> GaussianPolicy:
+    task = environment.task
+    return GaussianPolicy(task.observation_scale, task.action_size, hidden=32, log_std=-0.5, seed=seed)
+
+
+def test_airl_imitates_and_its_reward_teaches_a_fresh_policy():
+    environment = ToyEnvironment(100)
+    settings = replace(SETTINGS, iterations=50, sharpen_iterations=30)
+    learner = Airl(environment, toy_expert(environment), configuration=settings, seed=1)
+    first = learner.iterate()
+    while not learner.finished:
+        last = learner.iterate()
+    assert last["action_error"] < 0.2 < first["action_error"]
+    assert float(learner.best_error) <= last["action_error"]
+    policy, reward = learner.result()
+    transfer = Transfer(
+        environment,
+        reward,
+        policy,
+        configuration=TransferConfiguration(iterations=40, fresh=True, divergence=0.03, search=SEARCH),
+        seed=5,
+    )
+    scores = [transfer.iterate()["score"] for _ in range(40)]
+    assert transfer.finished
+    assert np.mean(scores[-5:]) > 0.5 * scores[0]  # scores are negative: less than half the fresh policy's loss
+    assert action_error(transfer.result(), *learner.expert.held_out) < 0.6 * first["action_error"]
+
+
+def run(learner, iterations: int) -> dict[str, torch.Tensor]:
+    for _ in range(iterations):
+        learner.iterate()
+    return learner.state()
+
+
+def assert_same(left: dict[str, torch.Tensor], right: dict[str, torch.Tensor]) -> None:
+    assert left.keys() == right.keys()
+    for name in left:
+        assert torch.equal(left[name], right[name]), name
+
+
+@pytest.mark.parametrize("changes", [{}, {"replay": 3}, {"restart_after": 4, "restart_above": 0.0, "restarts": 1}])
+def test_a_resumed_run_equals_the_unbroken_one(tmp_path, changes):
+    environment = ToyEnvironment()
+    expert = toy_expert(environment)
+    settings = replace(SETTINGS, **changes)
+
+    def fresh(seed: int) -> Airl:
+        return Airl(environment, expert, configuration=settings, seed=seed)
+
+    unbroken = run(fresh(3), 9)
+    assert_same(run(fresh(3), 9), unbroken)
+    for stop in (1, 4, 5, 8):
+        broken = fresh(3)
+        run(broken, stop)
+        path = tmp_path / f"{stop}.safetensors"
+        save_tensors(path, broken.state(), {"kind": "checkpoint"})
+        resumed = fresh(3)
+        resumed.load_state(load_tensors(path, kind="checkpoint")[0])
+        assert_same(run(resumed, 9 - stop), unbroken)
+    assert not torch.equal(run(fresh(4), 9)["search.policy"], unbroken["search.policy"])
+
+
+def test_a_resumed_transfer_equals_the_unbroken_one(tmp_path):
+    environment = ToyEnvironment()
+    reward = RewardNetwork(4, 2, seed=0)
+    settings = TransferConfiguration(iterations=6, search=SEARCH)
+
+    def fresh() -> Transfer:
+        return Transfer(environment, reward, fresh_policy(environment), configuration=settings, seed=2)
+
+    unbroken = run(fresh(), 6)
+    broken = fresh()
+    run(broken, 2)
+    path = tmp_path / "checkpoint.safetensors"
+    save_tensors(path, broken.state(), {"kind": "checkpoint"})
+    resumed = fresh()
+    resumed.load_state(load_tensors(path, kind="checkpoint")[0])
+    assert_same(run(resumed, 4), unbroken)
+
+
+def test_policy_and_reward_survive_the_disk(tmp_path):
+    environment = ToyEnvironment()
+    policy, reward = fresh_policy(environment, seed=9), RewardNetwork(4, 2, seed=9)
+    save_policy(tmp_path / "policy.safetensors", policy)
+    save_reward(tmp_path / "reward.safetensors", reward, 4)
+    loaded = load_policy(tmp_path / "policy.safetensors")
+    assert torch.equal(loaded.theta, policy.theta)
+    np.testing.assert_array_equal(loaded.observation_scale, policy.observation_scale)
+    assert torch.equal(load_reward(tmp_path / "reward.safetensors").theta, reward.theta)
+
+
+def test_damaged_weight_files_are_refused(tmp_path):
+    policy = fresh_policy(ToyEnvironment())
+    good = tmp_path / "policy.safetensors"
+    save_policy(good, policy)
+    with pytest.raises(FileError, match="not a reward file"):
+        load_reward(good)
+    with pytest.raises(FileError, match=r"missing|cannot be read"):
+        load_policy(tmp_path / "nowhere.safetensors")
+    content = good.read_bytes()
+    for length in itertools.chain(range(0, 400, 37), [len(content) - 1]):
+        broken = tmp_path / "broken.safetensors"
+        broken.write_bytes(content[:length])
+        with pytest.raises(FileError):
+            load_policy(broken)
+    policy.theta[0] = float("nan")
+    save_policy(good, policy)
+    with pytest.raises(FileError, match="not finite"):
+        load_policy(good)
+    save_tensors(good, {"layer_0.weight": torch.zeros(2, 2)}, {"kind": "policy", "sizes": [4, 32, 32, 2]})
+    with pytest.raises(FileError, match="train it again"):
+        load_policy(good)
+
+
+def test_expert_data_refuses_bad_splits():
+    policy = fresh_policy(ToyEnvironment())
+    observations, actions = np.zeros((5, 7, 4)), np.zeros((5, 6, 2))
+    data = ExpertData.from_trajectories(observations, actions, policy, held_out=2)
+    assert len(data.training[0]) == 18 and len(data.held_out[0]) == 12
+    with pytest.raises(InputError, match="held_out"):
+        ExpertData.from_trajectories(observations, actions, policy, held_out=5)
+    with pytest.raises(InputError, match="agree"):
+        ExpertData.from_trajectories(observations[:4], actions, policy)

@@ -1,0 +1,225 @@
+"""Adversarial inverse reinforcement learning of a reward and a policy from demonstrations.
+
+Each iteration: roll the policy out, teach the reward to tell the expert's samples from the policy's, relabel the
+rollouts with it, take one TRPO step. Three things are added to the textbook algorithm, all of them for a
+deterministic expert, and all decided without looking at a task's score:
+
+* expert actions carry Gaussian noise, drawn anew each iteration, so that a density ratio exists;
+* the slope bound, the trust region and that noise are *sharpened* (moved geometrically to their final values) once
+  the action error on held-out expert states is small, not at a fixed iteration;
+* a run whose held-out action error stays large is restarted from new weights; the best policy and its reward by
+  that error are kept.
+
+Sources: Fu, Luo, Levine, ICLR 2018; Zhang et al., section III of the paper (docs/reproduction.md).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import torch
+
+from vic_toolbox.learning.cloning import action_error
+from vic_toolbox.learning.expert_data import ExpertData
+from vic_toolbox.learning.networks import GaussianPolicy
+from vic_toolbox.learning.policy_search import (
+    Batch,
+    PolicySearch,
+    PolicySearchConfiguration,
+    adam_state,
+    random_stream,
+)
+from vic_toolbox.learning.reward import DiscriminatorConfiguration, RewardNetwork, train_discriminator
+from vic_toolbox.learning.rollouts import BatchedEnvironment
+
+
+@dataclass(frozen=True)
+class AirlConfiguration:
+    """Settings of AIRL."""
+
+    iterations: int = 200
+    """Iterations of one attempt."""
+    divergence: float = 0.03
+    """Trust region δ [nats] before sharpening."""
+    divergence_final: float = 0.002
+    """Trust region δ [nats] after sharpening."""
+    slope_bound: float = 4.0
+    """Bound L on ‖∂r/∂z‖ before sharpening."""
+    slope_bound_final: float = 8.0
+    """Bound L on ‖∂r/∂z‖ after sharpening."""
+    expert_noise: float = 0.2
+    """Standard deviation of the noise on expert actions before sharpening (normalised action)."""
+    expert_noise_final: float = 0.05
+    """Standard deviation of the noise on expert actions after sharpening."""
+    sharpen_below: float = 0.2
+    """Held-out action error (RMS, normalised action) below which sharpening goes on."""
+    sharpen_iterations: int = 80
+    """Iterations from the initial to the final values."""
+    restart_after: int = 80
+    """Iteration at which an attempt is judged."""
+    restart_above: float = 0.3
+    """Held-out action error above which the judged attempt is restarted."""
+    restarts: int = 2
+    """Largest number of restarts."""
+    replay: int = 0
+    """Earlier iterations whose samples (a fifth of each) the discriminator also sees."""
+    search: PolicySearchConfiguration = field(default_factory=PolicySearchConfiguration)
+    """The policy's improvement."""
+    discriminator: DiscriminatorConfiguration = field(default_factory=DiscriminatorConfiguration)
+    """The reward's update."""
+
+
+class Airl:
+    """The state of an AIRL run; `iterate()` until `finished`.
+
+    Parameters
+    ----------
+    environment : the training task. expert : demonstrations, split into training and held-out rows.
+    seed : of initial weights, exploration, starts and minibatches: the same seed gives the same numbers.
+    """
+
+    def __init__(
+        self,
+        environment: BatchedEnvironment,
+        expert: ExpertData,
+        *,
+        configuration: AirlConfiguration,
+        seed: int,
+    ):
+        self.environment = environment
+        self.expert = expert
+        self.configuration = configuration
+        self.seed = seed
+        # attempt, iteration in this attempt, sharpness in [0, 1], best held-out error, iterations in all
+        self.attempt = torch.zeros((), dtype=torch.int64)
+        self.iteration = torch.zeros((), dtype=torch.int64)
+        self.total = torch.zeros((), dtype=torch.int64)
+        self.sharpness = torch.zeros((), dtype=torch.float64)
+        self.best_error = torch.full((), float("inf"), dtype=torch.float64)
+        self._begin_attempt()
+        self.best_policy = self.search.policy.theta.clone()
+        self.best_reward = self.reward.theta.clone()
+
+    def _begin_attempt(self) -> None:
+        settings, task = self.configuration, self.environment.task
+        seed = int(random_stream(self.seed, 3, int(self.attempt)).integers(2**31))
+        policy = GaussianPolicy(
+            task.observation_scale,
+            task.action_size,
+            hidden=settings.search.hidden,
+            log_std=settings.search.log_std,
+            seed=seed,
+        )
+        self.search = PolicySearch(self.environment, policy, configuration=settings.search, seed=seed)
+        self.reward = RewardNetwork(task.observation_size, task.action_size, seed=seed + 2)
+        rows = settings.replay and len(range(0, settings.search.environments * task.horizon, 5))
+        self.replay = torch.zeros(settings.replay, rows, task.observation_size + task.action_size)
+        self.iteration.zero_()
+        self.sharpness.zero_()
+
+    @property
+    def finished(self) -> bool:
+        return int(self.iteration) >= self.configuration.iterations
+
+    @torch.no_grad()
+    def iterate(self) -> dict[str, float]:
+        """One iteration; returns its metrics."""
+        settings, index = self.configuration, int(self.iteration)
+        batch = self.search.sample(index)
+        metrics = self._train_reward(batch, index)
+        reward = self.reward.value(batch.samples)
+        divergence = self._sharpened(settings.divergence, settings.divergence_final)
+        metrics |= self.search.improve(batch, reward, divergence_limit=divergence, iteration=index)
+
+        error = action_error(self.search.averaged_policy(), *self.expert.held_out)
+        if error < float(self.best_error):
+            self.best_error.fill_(error)
+            self.best_policy.copy_(self.search.average)
+            self.best_reward.copy_(self.reward.theta)
+        if error < settings.sharpen_below:
+            self.sharpness.add_(1.0 / settings.sharpen_iterations).clamp_(max=1.0)
+        self.iteration.add_(1)
+        self.total.add_(1)
+        metrics |= {
+            "iteration": int(self.total),
+            "attempt": int(self.attempt),
+            "action_error": error,
+            "sharpness": float(self.sharpness),
+        }
+        if self._failing(error):
+            self.attempt.add_(1)
+            self._begin_attempt()
+        return metrics
+
+    def _failing(self, error: float) -> bool:
+        settings = self.configuration
+        return (
+            int(self.iteration) == settings.restart_after
+            and error > settings.restart_above
+            and int(self.attempt) < settings.restarts
+        )
+
+    def _sharpened(self, initial: float, final: float) -> float:
+        return initial * (final / initial) ** float(self.sharpness)
+
+    def _train_reward(self, batch: Batch, index: int) -> dict[str, float]:
+        settings, policy = self.configuration, self.search.policy
+        rng = random_stream(self.search.seed, 4, index)
+        noise = self._sharpened(settings.expert_noise, settings.expert_noise_final)
+        inputs, actions = self.expert.training
+        noisy = actions + noise * torch.from_numpy(rng.standard_normal(actions.shape, dtype="float32"))
+        expert = torch.cat([inputs, noisy], dim=1)
+        kept = self.replay[: min(index, settings.replay)].reshape(-1, self.replay.shape[-1])
+        own = torch.cat([batch.samples, kept])
+        metrics = train_discriminator(
+            self.reward,
+            (expert, self._log_probability(policy, expert)),
+            (own, torch.cat([batch.log_probability, self._log_probability(policy, kept)])),
+            slope_bound=self._sharpened(settings.slope_bound, settings.slope_bound_final),
+            configuration=settings.discriminator,
+            rng=rng,
+        )
+        if settings.replay:
+            self.replay[index % settings.replay] = batch.samples[::5]
+        return metrics
+
+    @staticmethod
+    def _log_probability(policy: GaussianPolicy, samples: torch.Tensor) -> torch.Tensor:
+        inputs, actions = samples.split([samples.shape[1] - policy.action_size, policy.action_size], dim=1)
+        return policy.log_probability(policy.network.value(inputs), policy.log_std, actions)
+
+    def state(self) -> dict[str, torch.Tensor]:
+        """Everything that the rest of the run depends on, as live tensors (see `checkpoints`)."""
+        return {
+            "attempt": self.attempt,
+            "iteration": self.iteration,
+            "total": self.total,
+            "sharpness": self.sharpness,
+            "best_error": self.best_error,
+            "best_policy": self.best_policy,
+            "best_reward": self.best_reward,
+            "replay": self.replay,
+            "reward": self.reward.theta,
+            **{f"reward.{name}": value for name, value in adam_state(self.reward.optimiser).items()},
+            **{f"search.{name}": value for name, value in self.search.state().items()},
+        }
+
+    def load_state(self, state: dict[str, torch.Tensor]) -> None:
+        """Take a saved state; the next `iterate()` is the one that the saved run would have made."""
+        self.attempt.copy_(state["attempt"])
+        self._begin_attempt()  # the attempt's own seeds
+        restore(self.state(), state)
+
+    def result(self) -> tuple[GaussianPolicy, RewardNetwork]:
+        """The policy with the smallest held-out action error and the reward of that iteration."""
+        policy = self.search.policy.copy(self.best_policy)
+        task = self.environment.task
+        reward = RewardNetwork(task.observation_size, task.action_size, seed=0)
+        reward.theta.copy_(self.best_reward)
+        return policy, reward
+
+
+def restore(live: dict[str, torch.Tensor], saved: dict[str, torch.Tensor]) -> None:
+    """Copy saved tensors into live ones of the same names and shapes."""
+    for name, tensor in live.items():
+        tensor.copy_(saved[name])

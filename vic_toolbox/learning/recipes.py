@@ -1,0 +1,56 @@
+"""The hyper-parameters that each task and action space is learned with; the one place where they differ.
+
+They were chosen on the training scenario by the action error on held-out expert states, never by a score on a
+transfer scenario (docs/reproduction.md has the reasons and the trials).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from vic_toolbox.errors import InputError
+from vic_toolbox.learning.airl import AirlConfiguration
+from vic_toolbox.learning.cloning import CloningConfiguration
+from vic_toolbox.learning.policy_search import PolicySearchConfiguration
+from vic_toolbox.learning.transfer import TransferConfiguration
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """What learning on one task in one action space uses."""
+
+    airl: AirlConfiguration
+    transfer: TransferConfiguration
+    cloning: CloningConfiguration
+
+
+def recipe(task: str, *, action: str, history: int) -> Recipe:
+    """The recipe of a task; a policy on a history has wider layers (2×128, as in the paper).
+
+    Raises
+    ------
+    InputError : no recipe for this task and action space.
+    """
+    try:
+        chosen = _RECIPES[task, action]
+    except KeyError:
+        known = ", ".join(f"{name} ({space})" for name, space in _RECIPES)
+        raise InputError(f"no recipe for task {task!r} with action {action!r}; known: {known}") from None
+    if history == 1:
+        return chosen
+    search = replace(chosen.airl.search, hidden=128)
+    return replace(
+        chosen, airl=replace(chosen.airl, search=search), transfer=replace(chosen.transfer, search=search)
+    )
+
+
+_CUP_ON_PLATE = PolicySearchConfiguration(environments=20, start_noise=0.02, log_std=-0.5)
+
+_RECIPES: dict[tuple[str, str], Recipe] = {
+    ("cup-on-plate", space): Recipe(
+        airl=AirlConfiguration(search=_CUP_ON_PLATE),
+        transfer=TransferConfiguration(search=_CUP_ON_PLATE),
+        cloning=CloningConfiguration(),
+    )
+    for space in ("gain", "force")
+}
