@@ -22,7 +22,6 @@ from vic_toolbox.learning import (
     RewardNetwork,
     Transfer,
     TransferConfiguration,
-    action_error,
     clone,
     load_policy,
     load_reward,
@@ -30,7 +29,7 @@ from vic_toolbox.learning import (
     save_reward,
 )
 from vic_toolbox.learning.checkpoints import load_tensors, save_tensors
-from vic_toolbox.learning.reward import train_discriminator
+from vic_toolbox.learning.reward import stratified_rows, train_discriminator
 
 SEARCH = PolicySearchConfiguration(environments=16)
 SETTINGS = AirlConfiguration(iterations=12, search=SEARCH, restart_after=1000, sharpen_iterations=5)
@@ -51,13 +50,13 @@ def test_the_discriminator_recovers_a_known_reward():
         return observations, mean + std * torch.randn(count, 1, generator=generator)
 
     (expert_o, expert_a), (policy_o, policy_a) = samples(spread), samples(width)
-    zero = torch.zeros(count, 1)
+    zero, one_stratum = torch.zeros(count, 1), np.zeros(count, dtype=int)
     reward = RewardNetwork(2, 1, seed=0)
     for steps, rate in ((1500, 3e-3), (1500, 5e-4)):
         train_discriminator(
             reward,
-            (torch.cat([expert_o, expert_a], 1), normal(zero, width, expert_a)),
-            (torch.cat([policy_o, policy_a], 1), normal(zero, width, policy_a)),
+            (torch.cat([expert_o, expert_a], 1), normal(zero, width, expert_a), one_stratum),
+            (torch.cat([policy_o, policy_a], 1), normal(zero, width, policy_a), one_stratum),
             slope_bound=1e9,
             configuration=DiscriminatorConfiguration(steps=steps, learning_rate=rate, penalty=0.0),
             rng=np.random.default_rng(steps),
@@ -76,13 +75,22 @@ def test_the_slope_bound_bounds_the_slope():
     expert = torch.randn(400, 3, generator=torch.Generator().manual_seed(0)) * 0.05 + 1.0
     policy = torch.randn(400, 3, generator=torch.Generator().manual_seed(1))
     reward = RewardNetwork(2, 1, seed=0)
-    zeros = torch.zeros(400)
+    rest = torch.zeros(400), np.zeros(400, dtype=int)
     settings = DiscriminatorConfiguration(steps=800, batch=128)
-    train_discriminator(reward, (expert, zeros), (policy, zeros), slope_bound=1.0, configuration=settings, rng=rng)
+    train_discriminator(reward, (expert, *rest), (policy, *rest), slope_bound=1.0, configuration=settings, rng=rng)
     z = torch.lerp(policy, expert, torch.rand(400, 1)).requires_grad_()
     with torch.enable_grad():
         (slope,) = torch.autograd.grad(reward.value(z).sum(), z)
     assert float(slope.norm(dim=1).quantile(0.95)) < 1.3
+
+
+def test_every_stratum_is_drawn_equally_often():
+    strata = np.repeat([3, 0, 7], [5, 900, 95])
+    rows = stratified_rows(strata, (30, 1000), np.random.default_rng(0)).numpy()
+    for stratum in (0, 3, 7):
+        assert np.mean(strata[rows] == stratum) == pytest.approx(1 / 3, abs=0.02)
+    counts = np.bincount(rows.ravel(), minlength=1000)
+    assert counts[:5].min() > 1800  # rows 0-4, the rare stratum, come about 2000 times each
 
 
 def test_cloning_recovers_the_expert():
@@ -90,11 +98,9 @@ def test_cloning_recovers_the_expert():
     expert = toy_expert(environment)
     policy = fresh_policy(environment)
     settings = CloningConfiguration(steps=3000, batch=256)
-    error = clone(
-        policy, expert.training, expert.held_out, configuration=settings, rng=np.random.default_rng(0)
-    )
+    error = clone(policy, expert, configuration=settings, rng=np.random.default_rng(0))
     assert error < 0.02
-    assert error == pytest.approx(action_error(policy, *expert.held_out))
+    assert error == pytest.approx(expert.action_error(policy))
 
 
 def fresh_policy(environment: ToyEnvironment, seed: int = 0) -> GaussianPolicy:
@@ -122,7 +128,7 @@ def test_airl_imitates_and_its_reward_teaches_a_fresh_policy():
     scores = [transfer.iterate()["score"] for _ in range(40)]
     assert transfer.finished
     assert np.mean(scores[-5:]) > 0.5 * scores[0]  # scores are negative: less than half the fresh policy's loss
-    assert action_error(transfer.result(), *learner.expert.held_out) < 0.6 * first["action_error"]
+    assert learner.expert.action_error(transfer.result()) < 0.6 * first["action_error"]
 
 
 def run(learner, iterations: int) -> dict[str, torch.Tensor]:
@@ -181,7 +187,7 @@ def test_policy_and_reward_survive_the_disk(tmp_path):
     environment = ToyEnvironment()
     policy, reward = fresh_policy(environment, seed=9), RewardNetwork(4, 2, seed=9)
     save_policy(tmp_path / "policy.safetensors", policy)
-    save_reward(tmp_path / "reward.safetensors", reward, 4)
+    save_reward(tmp_path / "reward.safetensors", reward)
     loaded = load_policy(tmp_path / "policy.safetensors")
     assert torch.equal(loaded.theta, policy.theta)
     np.testing.assert_array_equal(loaded.observation_scale, policy.observation_scale)
@@ -214,9 +220,10 @@ def test_damaged_weight_files_are_refused(tmp_path):
 def test_expert_data_refuses_bad_splits():
     policy = fresh_policy(ToyEnvironment())
     observations, actions = np.zeros((5, 7, 4)), np.zeros((5, 6, 2))
-    data = ExpertData.from_trajectories(observations, actions, policy, held_out=2)
+    given = {"policy": policy, "bounds": (-np.ones(2), np.ones(2))}
+    data = ExpertData.from_trajectories(observations, actions, held_out=2, **given)
     assert len(data.training[0]) == 18 and len(data.held_out[0]) == 12
     with pytest.raises(InputError, match="held_out"):
-        ExpertData.from_trajectories(observations, actions, policy, held_out=5)
+        ExpertData.from_trajectories(observations, actions, held_out=5, **given)
     with pytest.raises(InputError, match="agree"):
-        ExpertData.from_trajectories(observations[:4], actions, policy)
+        ExpertData.from_trajectories(observations[:4], actions, **given)

@@ -21,8 +21,11 @@ class ToyTask:
         self.input_matrix = 0.2 * rng.normal(size=(4, 2))
         self.expert_matrix = 0.8 * rng.normal(size=(2, 4))
 
-    def expert_action(self, observation: np.ndarray) -> np.ndarray:
-        return np.tanh(observation @ self.expert_matrix.T)
+    def expert_action(self, observations: np.ndarray) -> np.ndarray:
+        return np.tanh(observations @ self.expert_matrix.T)
+
+    def strata(self, observations: np.ndarray) -> np.ndarray:
+        return (np.linalg.norm(observations, axis=1) > 0.5).astype(int)
 
 
 class ToyEnvironment:
@@ -50,5 +53,9 @@ def toy_expert(environment: ToyEnvironment, seed: int = 0) -> ExpertData:
         states.append(environment.step(actions[-1])[0])
     policy = GaussianPolicy(task.observation_scale, task.action_size, hidden=4, log_std=0.0, seed=0)
     return ExpertData.from_trajectories(
-        np.stack(states, axis=1), np.stack(actions, axis=1), policy, held_out=4
+        np.stack(states, axis=1),
+        np.stack(actions, axis=1),
+        policy=policy,
+        bounds=(-np.ones(2), np.ones(2)),
+        held_out=4,
     )

@@ -2,7 +2,7 @@
 
 from vic_toolbox.learning.airl import Airl, AirlConfiguration
 from vic_toolbox.learning.checkpoints import load_policy, load_reward, save_policy, save_reward
-from vic_toolbox.learning.cloning import CloningConfiguration, action_error, clone
+from vic_toolbox.learning.cloning import CloningConfiguration, clone
 from vic_toolbox.learning.expert_data import ExpertData
 from vic_toolbox.learning.networks import GaussianPolicy
 from vic_toolbox.learning.policy_search import PolicySearch, PolicySearchConfiguration
@@ -27,7 +27,6 @@ __all__ = [
     "Transfer",
     "TransferConfiguration",
     "TrpoConfiguration",
-    "action_error",
     "clone",
     "collect",
     "load_policy",

@@ -19,7 +19,6 @@ from dataclasses import dataclass, field
 
 import torch
 
-from vic_toolbox.learning.cloning import action_error
 from vic_toolbox.learning.expert_data import ExpertData
 from vic_toolbox.learning.networks import GaussianPolicy
 from vic_toolbox.learning.policy_search import (
@@ -114,6 +113,7 @@ class Airl:
         self.reward = RewardNetwork(task.observation_size, task.action_size, seed=seed + 2)
         rows = settings.replay and len(range(0, settings.search.environments * task.horizon, 5))
         self.replay = torch.zeros(settings.replay, rows, task.observation_size + task.action_size)
+        self.expert_strata = task.strata(policy.unscaled(self.expert.training[0]))
         self.iteration.zero_()
         self.sharpness.zero_()
 
@@ -131,7 +131,7 @@ class Airl:
         divergence = self._sharpened(settings.divergence, settings.divergence_final)
         metrics |= self.search.improve(batch, reward, divergence_limit=divergence, iteration=index)
 
-        error = action_error(self.search.averaged_policy(), *self.expert.held_out)
+        error = self.expert.action_error(self.search.averaged_policy())
         if error < float(self.best_error):
             self.best_error.fill_(error)
             self.best_policy.copy_(self.search.average)
@@ -171,10 +171,11 @@ class Airl:
         expert = torch.cat([inputs, noisy], dim=1)
         kept = self.replay[: min(index, settings.replay)].reshape(-1, self.replay.shape[-1])
         own = torch.cat([batch.samples, kept])
+        own_strata = self.environment.task.strata(policy.unscaled(own[:, : inputs.shape[1]]))
         metrics = train_discriminator(
             self.reward,
-            (expert, self._log_probability(policy, expert)),
-            (own, torch.cat([batch.log_probability, self._log_probability(policy, kept)])),
+            (expert, self._log_probability(policy, expert), self.expert_strata),
+            (own, torch.cat([batch.log_probability, self._log_probability(policy, kept)]), own_strata),
             slope_bound=self._sharpened(settings.slope_bound, settings.slope_bound_final),
             configuration=settings.discriminator,
             rng=rng,

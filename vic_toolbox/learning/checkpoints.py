@@ -88,9 +88,9 @@ def load_policy(path: str | os.PathLike[str]) -> GaussianPolicy:
     return policy
 
 
-def save_reward(path: str | os.PathLike[str], reward: RewardNetwork, observation_size: int) -> None:
+def save_reward(path: str | os.PathLike[str], reward: RewardNetwork) -> None:
     """Write a reward network: one tensor a layer."""
-    header = {"kind": "reward", "sizes": reward.network.sizes, "observation_size": observation_size}
+    header = {"kind": "reward", "sizes": reward.network.sizes, "observation_size": reward.observation_size}
     save_tensors(path, _named_layers(reward.network.layers), header)
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
+from vic_toolbox.learning.expert_data import ExpertData
 from vic_toolbox.learning.networks import GaussianPolicy
 
 
@@ -25,27 +26,21 @@ class CloningConfiguration:
     """Steps between two looks at the held-out error; the best weights are kept."""
 
 
-def action_error(policy: GaussianPolicy, inputs: torch.Tensor, actions: torch.Tensor) -> float:
-    """Root-mean-square difference between the mean action and the expert's, over rows and components."""
-    return float((policy.network.value(inputs) - actions).square().mean().sqrt())
-
-
 @torch.no_grad()
 def clone(
     policy: GaussianPolicy,
-    expert: tuple[torch.Tensor, torch.Tensor],
-    held_out: tuple[torch.Tensor, torch.Tensor],
+    expert: ExpertData,
     *,
     configuration: CloningConfiguration,
     rng: np.random.Generator,
     progress: Callable[[dict[str, float]], None] | None = None,
 ) -> float:
-    """Fit the policy's mean to expert (inputs, actions) in place; returns the best held-out action error.
+    """Fit the policy's mean to the expert's training rows in place; returns the best held-out action error.
 
     Minimises `E ‖(μ(o) − a) / s‖²` with s the expert actions' standard deviation per component; log σ is set to the
     logarithm of the held-out error, so that the cloned policy is a proper Gaussian.
     """
-    inputs, actions = expert
+    inputs, actions = expert.training
     scale = actions.std(0) + 1e-3
     parameters = policy.theta
     optimiser = torch.optim.Adam([parameters], lr=configuration.learning_rate, fused=True)
@@ -64,13 +59,14 @@ def clone(
         optimiser.step()
         schedule.step()
         if step % configuration.check_every == 0 or step == configuration.steps:
-            error = action_error(policy, *held_out)
+            error = expert.action_error(policy)
             if error < best:
                 best, best_theta = error, parameters.clone()
             if progress is not None:
                 progress({"iteration": step, "action_error": error})
     parameters.grad = None
     parameters.copy_(best_theta)
-    residual = (policy.network.value(held_out[0]) - held_out[1]).square().mean(0).sqrt()
+    held_inputs, held_actions = expert.held_out
+    residual = (policy.network.value(held_inputs) - held_actions).square().mean(0).sqrt()
     policy.log_std.copy_(residual.clamp_(min=1e-3).log_())
     return best

@@ -15,16 +15,29 @@ Rows = tuple[torch.Tensor, torch.Tensor]
 
 @dataclass(frozen=True)
 class ExpertData:
-    """`training` and `held_out`: (inputs (n, n_o), actions (n, n_a)), from different trajectories."""
+    """`training` and `held_out`: (inputs (n, n_o), actions (n, n_a)), from different trajectories.
+
+    `low` and `high` (n_a,) are the action's bounds, to which the environment clips.
+    """
 
     training: Rows
     held_out: Rows
+    low: torch.Tensor
+    high: torch.Tensor
 
     @classmethod
     def from_trajectories(
-        cls, observations: np.ndarray, actions: np.ndarray, policy: GaussianPolicy, *, held_out: int = 10
+        cls,
+        observations: np.ndarray,
+        actions: np.ndarray,
+        *,
+        policy: GaussianPolicy,
+        bounds: tuple[np.ndarray, np.ndarray],
+        held_out: int = 10,
     ) -> ExpertData:
         """Split trajectories: observations (n, T or T+1, n_o), actions (n, T, n_a); the last `held_out` are kept back.
+
+        `policy` scales the observations; `bounds` are the lowest and highest action.
 
         Raises
         ------
@@ -41,7 +54,15 @@ class ExpertData:
         inputs = policy.scaled(observations[:, :length])
         targets = torch.from_numpy(np.ascontiguousarray(actions, dtype=np.float32))
         split = count - held_out
-        return cls(_rows(inputs[:split], targets[:split]), _rows(inputs[split:], targets[split:]))
+        low, high = (torch.from_numpy(np.asarray(bound, dtype=np.float32)) for bound in bounds)
+        return cls(_rows(inputs[:split], targets[:split]), _rows(inputs[split:], targets[split:]), low, high)
+
+    @torch.no_grad()
+    def action_error(self, policy: GaussianPolicy) -> float:
+        """Held-out action error: RMS over rows and components of the mean action, as the environment clips it,
+        less the expert's."""
+        inputs, actions = self.held_out
+        return float((policy.network.value(inputs).clamp(self.low, self.high) - actions).square().mean().sqrt())
 
 
 def _rows(inputs: torch.Tensor, actions: torch.Tensor) -> Rows:

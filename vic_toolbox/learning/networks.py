@@ -160,6 +160,10 @@ class GaussianPolicy:
         scaled = np.clip(observations / self.observation_scale, -30.0, 30.0)
         return torch.from_numpy(np.ascontiguousarray(scaled, dtype=np.float32))
 
+    def unscaled(self, inputs: torch.Tensor) -> np.ndarray:
+        """Raw observations (n, n_o) of network inputs."""
+        return inputs.numpy() * self.observation_scale
+
     def mean(self, observations: np.ndarray) -> np.ndarray:
         """Mean action (n, n_a) for raw observations (n, n_o): the policy that is evaluated and deployed.
 

@@ -30,7 +30,7 @@ class DiscriminatorConfiguration:
     """Adam steps an iteration."""
     batch: int = 512
     """Expert rows and as many policy rows in a step."""
-    learning_rate: float = 1e-3
+    learning_rate: float = 2e-3
     """Adam step size."""
     penalty: float = 10.0
     """Weight λ of the slope penalty; 0 leaves the slope free (plain AIRL)."""
@@ -41,6 +41,7 @@ class RewardNetwork:
 
     def __init__(self, observation_size: int, action_size: int, *, hidden: int = 32, seed: int):
         generator = torch.Generator().manual_seed(seed)
+        self.observation_size = observation_size
         self.network = Mlp((observation_size + action_size, hidden, hidden, 1), "relu", generator=generator)
         self.optimiser = torch.optim.Adam([self.network.theta], lr=1e-3, fused=True)
 
@@ -53,6 +54,22 @@ class RewardNetwork:
         return self.network.value(samples)[:, 0]
 
 
+Samples = tuple[torch.Tensor, torch.Tensor, np.ndarray]
+
+
+def stratified_rows(strata: np.ndarray, shape: tuple[int, ...], rng: np.random.Generator) -> torch.Tensor:
+    """Row numbers drawn with replacement so that each stratum that occurs has the same chance.
+
+    `strata` (n,) holds non-negative integers.
+    """
+    _, stratum, counts = np.unique(strata, return_inverse=True, return_counts=True)
+    order = np.argsort(stratum, kind="stable")
+    first = np.cumsum(counts) - counts
+    drawn = rng.integers(len(counts), size=shape)
+    within = (rng.random(shape) * counts[drawn]).astype(np.int64)
+    return torch.from_numpy(order[first[drawn] + within])
+
+
 def slope_penalty(network: Mlp, samples: torch.Tensor, *, bound: float) -> tuple[torch.Tensor, torch.Tensor]:
     """`mean max(0, ‖∂r/∂z‖ − bound)²` of a ReLU network with one output, and its gradient in θ.
 
@@ -60,31 +77,31 @@ def slope_penalty(network: Mlp, samples: torch.Tensor, *, bound: float) -> tuple
     `∂r/∂z = W₁ᵀ s₁ ∘ (W₂ᵀ s₂ ∘ w₃)` and so on for any depth, linear in each weight matrix.
     """
     _, activations = network.forward(samples)
-    weights = [weight for weight, _ in network.layers]
+    matrices = [weight for weight, _ in network.layers]
     # Row vectors, from the output back to the input: rows[i] = ∂r/∂(pre-activation of layer i).
     row = torch.ones(len(samples), 1)
     rows = [row]
-    for depth in range(len(weights) - 1, 0, -1):
-        row = (row @ weights[depth]).mul_(activations.slopes[depth - 1])
+    for depth in range(len(matrices) - 1, 0, -1):
+        row = (row @ matrices[depth]).mul_(activations.slopes[depth - 1])
         rows.insert(0, row)
-    slope = row @ weights[0]
+    slope = row @ matrices[0]
     norm = slope.norm(dim=1)
     excess = (norm - bound).clamp_(min=0.0)
 
-    back = slope * (2.0 * excess / norm.clamp(min=1e-12) / len(samples))[:, None]
+    back = slope.mul_((2.0 * excess / norm.clamp(min=1e-12) / len(samples))[:, None])
     gradient = torch.zeros_like(network.theta)
     for depth, (weight_gradient, _) in enumerate(network.split(gradient)):
         weight_gradient.copy_(rows[depth].T @ back)
-        if depth < len(weights) - 1:
-            back = (back @ weights[depth].T).mul_(activations.slopes[depth])
+        if depth < len(matrices) - 1:
+            back = (back @ matrices[depth].T).mul_(activations.slopes[depth])
     return excess.square().mean(), gradient
 
 
 @torch.no_grad()
 def train_discriminator(
     reward: RewardNetwork,
-    expert: tuple[torch.Tensor, torch.Tensor],
-    policy: tuple[torch.Tensor, torch.Tensor],
+    expert: Samples,
+    policy: Samples,
     *,
     slope_bound: float,
     configuration: DiscriminatorConfiguration,
@@ -92,14 +109,14 @@ def train_discriminator(
 ) -> dict[str, float]:
     """Fit the reward to tell expert from policy samples; returns the mean loss, accuracy and slope penalty.
 
-    `expert` and `policy` are each (samples z (n, n_o + n_a), log π(a|o) (n,) under the present policy).
+    `expert` and `policy` are each samples z (n, n_o + n_a), log π(a|o) (n,) under the present policy, and strata
+    (n,). Minibatches draw every stratum equally often, so that a short phase of the task teaches as much as a long one.
     """
     network, optimiser, batch = reward.network, reward.optimiser, configuration.batch
     optimiser.param_groups[0]["lr"] = configuration.learning_rate
     label = torch.cat([torch.ones(batch), torch.zeros(batch)])
     shape = (configuration.steps, batch)
-    expert_rows = torch.from_numpy(rng.integers(len(expert[0]), size=shape))
-    policy_rows = torch.from_numpy(rng.integers(len(policy[0]), size=shape))
+    expert_rows, policy_rows = (stratified_rows(strata, shape, rng) for strata in (expert[2], policy[2]))
     mixture = torch.from_numpy(rng.random((*shape, 1), dtype=np.float32))
     totals = torch.zeros(3)
     for i, j, mix in zip(expert_rows, policy_rows, mixture, strict=True):

@@ -19,7 +19,11 @@ class Task(Protocol):
     action_size: int
     observation_scale: np.ndarray
 
-    def expert_action(self, observation: np.ndarray) -> np.ndarray: ...
+    def expert_action(self, observations: np.ndarray) -> np.ndarray: ...
+
+    def strata(self, observations: np.ndarray) -> np.ndarray:
+        """Phase of the task (n,), as small integers, that each observation belongs to."""
+        ...
 
 
 class BatchedEnvironment(Protocol):

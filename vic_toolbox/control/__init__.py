@@ -1,0 +1,25 @@
+"""Control of an arm's end-effector: the impedance law, the force law, nullspaces and designed experts.
+
+The NumPy law (:mod:`~vic_toolbox.control.law`) is the reference; :mod:`~vic_toolbox.control.compiled` is the
+same law as compiled code for a simulator, and is imported only where it is needed.
+"""
+
+from __future__ import annotations
+
+from vic_toolbox.control.experts import ConstantGains, Expert, ThreePhaseExpert
+from vic_toolbox.control.law import CartesianLaw, Command, Reference, feedback_wrench, feedforward_wrench
+from vic_toolbox.control.nullspace import Posture, dynamically_consistent_inverse, nullspace_projector
+
+__all__ = [
+    "CartesianLaw",
+    "Command",
+    "ConstantGains",
+    "Expert",
+    "Posture",
+    "Reference",
+    "ThreePhaseExpert",
+    "dynamically_consistent_inverse",
+    "feedback_wrench",
+    "feedforward_wrench",
+    "nullspace_projector",
+]

@@ -1,0 +1,1 @@
+"""Experiments: train, transfer, evaluate and report; what the ``vic`` command runs."""

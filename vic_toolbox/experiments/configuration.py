@@ -1,0 +1,173 @@
+"""The complete description of a run: what is written to ``config.json`` and read back from it."""
+
+from __future__ import annotations
+
+import math
+import types
+import typing
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields, is_dataclass
+from typing import Any, Literal, TypeVar
+
+from vic_toolbox.errors import FileError, InputError, finite_number, integer, one_of
+from vic_toolbox.learning import Recipe, TransferConfiguration, recipe
+
+METHODS = ("airl", "bc", "constant")
+ACTIONS = ("gain", "force")
+REWARDS = ("learned", "random")
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class DemonstrationConfiguration:
+    """How the expert is recorded; alike for every method of the same seed."""
+
+    count: int = 50
+    """Trajectories to learn from."""
+    held_out: int = 10
+    """Further trajectories that only judge the learning."""
+    push: float = 5.0
+    """Size of the random pushes on the expert [N], so that its data cover more than one path."""
+    start_noise: float = 0.02
+    """Standard deviation of the start joint angles [rad]."""
+
+    def __post_init__(self) -> None:
+        integer("demonstrations", self.count, low=1)
+        integer("held-out demonstrations", self.held_out, low=1)
+        finite_number("push", self.push, low=0.0)
+        finite_number("start noise", self.start_noise, low=0.0)
+
+
+@dataclass(frozen=True)
+class RunConfiguration:
+    """A training run."""
+
+    task: str
+    """Name of the task."""
+    method: Literal["airl", "bc", "constant"]
+    """AIRL, behaviour cloning, or gains that never change."""
+    recipe: Recipe
+    """Every hyper-parameter of learning."""
+    action: Literal["gain", "force"] = "gain"
+    """What the policy sets: gains, or the feedback wrench itself."""
+    history: int = 1
+    """Last observations that the policy sees."""
+    seed: int = 0
+    """Of demonstrations, weights, exploration and minibatches."""
+    demonstrations: DemonstrationConfiguration = field(default_factory=DemonstrationConfiguration)
+    """How the expert is recorded."""
+    episodes: int = 20
+    """Episodes of the evaluation."""
+
+    def __post_init__(self) -> None:
+        one_of("method", self.method, METHODS)
+        one_of("action", self.action, ACTIONS)
+        integer("history", self.history, low=1)
+        integer("seed", self.seed, low=0, high=2**31 - 1)
+        integer("episodes", self.episodes, low=1)
+        check_numbers(self.recipe, "recipe")
+        if self.method == "constant" and (self.action, self.history) != ("gain", 1):
+            raise InputError(
+                f"constant gains with action {self.action!r} and history {self.history} make no sense; "
+                "use action 'gain' and history 1."
+            )
+
+
+@dataclass(frozen=True)
+class TransferRunConfiguration:
+    """A transfer run: a policy optimised under a frozen reward on another scenario."""
+
+    source: RunConfiguration
+    """The training run that the reward and the policy come from."""
+    source_weights: str
+    """Fingerprint of that run's weights."""
+    scenario: str
+    """Name of the scenario, or its start "x,y,z" [m]."""
+    transfer: TransferConfiguration
+    """Every hyper-parameter of the transfer."""
+    reward: Literal["learned", "random"] = "learned"
+    """The learned reward, or an untrained network as the control."""
+    seed: int = 0
+    """Of fresh weights, exploration and minibatches."""
+    episodes: int = 20
+    """Episodes of the evaluation."""
+
+    def __post_init__(self) -> None:
+        one_of("reward", self.reward, REWARDS)
+        integer("seed", self.seed, low=0, high=2**31 - 1)
+        integer("episodes", self.episodes, low=1)
+        check_numbers(self.transfer, "transfer")
+
+
+def default_configuration(task: str, method: str, *, action: str = "gain", history: int = 1, **rest: Any) -> Any:
+    """A :class:`RunConfiguration` with the task's own recipe.
+
+    Raises
+    ------
+    InputError : no recipe for the task, or a value that the configuration refuses.
+    """
+    chosen = recipe(task, action=one_of("action", action, ACTIONS), history=history)
+    values: dict[str, Any] = {"task": task, "method": method, "action": action, "history": history, **rest}
+    return RunConfiguration(**{"recipe": chosen, **values})
+
+
+def check_numbers(configuration: Any, name: str) -> None:
+    """Refuse hyper-parameters that are not finite, or negative where only a logarithm may be.
+
+    Raises
+    ------
+    InputError : the field is named by its path, e.g. ``recipe.airl.search.discount``.
+    """
+    for path, value in flatten(asdict(configuration), name).items():
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            continue
+        if not math.isfinite(value) or (value < 0 and not path.endswith("log_std")):
+            raise InputError(f"{path} is {value}; it must be finite and not negative.")
+        if value == 0 and path.endswith((".iterations", ".environments", ".batch", ".hidden", ".steps")):
+            raise InputError(f"{path} is 0; it must be at least 1.")
+
+
+def to_json(configuration: RunConfiguration | TransferRunConfiguration) -> dict[str, Any]:
+    """The configuration as nested JSON values."""
+    return asdict(configuration)
+
+
+def from_json(cls: type[T], value: Any, *, where: str) -> T:
+    """Rebuild a configuration from :func:`to_json`.
+
+    Raises
+    ------
+    FileError : a field is missing, unknown or of another type; `where` (the file) and the field are named.
+    """
+    if not isinstance(value, Mapping):
+        raise FileError(f"{where} should be a table; it is {value!r:.60}")
+    hints = typing.get_type_hints(cls)
+    names = {entry.name for entry in fields(typing.cast(Any, cls))}
+    if names != value.keys():
+        missing, unknown = sorted(names - value.keys()), sorted(value.keys() - names)
+        raise FileError(f"{where} lacks {missing or 'nothing'} and has the unknown {unknown or 'nothing'}; it is of another version, run it anew")
+    try:
+        return cls(**{name: _read(hints[name], value[name], f"{where}.{name}") for name in names})
+    except InputError as error:
+        raise FileError(f"{where}: {error}") from error
+
+
+def _read(hint: Any, value: Any, where: str) -> Any:
+    if is_dataclass(hint):
+        return from_json(typing.cast(type, hint), value, where=where)
+    if typing.get_origin(hint) in (typing.Union, types.UnionType):
+        return value
+    wanted = (int, float) if hint is float else hint if isinstance(hint, type) else str
+    if not isinstance(value, wanted) or (isinstance(value, bool) and hint is not bool):
+        raise FileError(f"{where} is {value!r:.60}; expected {getattr(hint, '__name__', hint)}")
+    return value
+
+
+def flatten(tree: Mapping[str, Any], name: str = "") -> dict[str, Any]:
+    """Nested tables as one table with dotted names."""
+    flat: dict[str, Any] = {}
+    for key, value in tree.items():
+        path = f"{name}.{key}" if name else key
+        flat |= flatten(value, path) if isinstance(value, Mapping) else {path: value}
+    return flat

@@ -1,0 +1,205 @@
+"""Judging a policy: its mean action over many episodes, beside the expert on the very same starts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from vic_toolbox.errors import finite_number, integer
+from vic_toolbox.tasks import Task, VectorEnvironment
+
+Act = Callable[[np.ndarray], np.ndarray]
+"""A policy as a function: observations (n, n_o) → actions (n, n_a)."""
+
+START_SEED = 1000
+"""Seed of the evaluation's starts: every method and every run is judged on the same ones."""
+
+START_NOISE = 0.02
+"""Standard deviation of the start joint angles in an evaluation [rad]."""
+
+_AT_ONCE = 64  # simulations side by side
+
+
+@dataclass(frozen=True)
+class Policy:
+    """A policy to judge, and what the tables say about it."""
+
+    act: Act
+    """Its mean action."""
+    method: str
+    """airl, bc, constant or expert."""
+    transfer: str = ""
+    """How it was transferred, if it was."""
+    seed: int = 0
+    """Of its run."""
+
+    @classmethod
+    def expert(cls, task: Task) -> Policy:
+        """The task's expert."""
+        return cls(task.expert_action, "expert")
+
+    @classmethod
+    def constant(cls, task: Task) -> Policy:
+        """Gains in the middle of their range, always."""
+        return cls(lambda observations: np.broadcast_to(
+            task.constant_action(observations), (len(observations), task.action_size)
+        ), "constant")
+
+
+@dataclass(frozen=True)
+class Episodes:
+    """Outcome of n episodes: task score, success, distance to the goal at the end [m], peak contact force [N]; (n,)."""
+
+    score: np.ndarray
+    success: np.ndarray
+    distance: np.ndarray
+    peak_force: np.ndarray
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """One row of a results table; what ``evaluation.json`` holds."""
+
+    task: str
+    """Name of the task."""
+    scenario: str
+    """Name of the scenario, or its start."""
+    method: str
+    """airl, bc or constant."""
+    transfer: str
+    """Empty, or how the policy was optimised under a frozen reward: e.g. "learned reward, continued"."""
+    action: str
+    """gain or force."""
+    history: int
+    """Observations that the policy sees."""
+    seed: int
+    """Of the run."""
+    start_seed: int
+    """Of the starts."""
+    episodes: int
+    """Number of episodes."""
+    success_rate: float
+    """Share of episodes that succeeded."""
+    score_mean: float
+    """Mean score."""
+    score_std: float
+    """Standard deviation of the score over the episodes."""
+    expert_score: float
+    """The expert's mean score on the same starts."""
+    expert_success_rate: float
+    """The expert's share of successes."""
+    relative_difference: float
+    """|score − expert's| / |expert's|."""
+    signed_difference: float
+    """(expert's − score) / |expert's|: positive is worse than the expert."""
+    peak_force_mean: float
+    """Mean over the episodes of the largest contact force [N]."""
+
+    def to_json(self) -> dict[str, Any]:
+        """The fields as JSON values."""
+        return asdict(self)
+
+
+def run_episodes(
+    task: Task,
+    act: Act,
+    *,
+    episodes: int,
+    seed: int = START_SEED,
+    start_noise: float = START_NOISE,
+    scenarios: Sequence[Any] | None = None,
+    threads: int = 0,
+) -> Episodes:
+    """Run the policy once from each start.
+
+    Parameters
+    ----------
+    task, act : what and who. episodes : number of starts.
+    seed : of the starts. start_noise : standard deviation of the start joint angles [rad].
+    scenarios : one for each episode; by default the task's.
+    threads : of the simulation, 0 for all processors; the numbers do not depend on it.
+
+    Raises
+    ------
+    InputError : a number out of range, or a start that cannot be used. SimulationError : a simulation diverged.
+    """
+    episodes = integer("episodes", episodes, low=1)
+    integer("seed", seed, low=0)
+    finite_number("start noise", start_noise, low=0.0)
+    parts = [
+        _run(task, act, range(first, min(first + _AT_ONCE, episodes)), seed, start_noise, scenarios, threads)
+        for first in range(0, episodes, _AT_ONCE)
+    ]
+    columns = ("score", "success", "distance", "peak_force")
+    return Episodes(*(np.concatenate([part[name] for part in parts]) for name in columns))
+
+
+def _run(
+    task: Task, act: Act, which: range, seed: int, start_noise: float, scenarios: Sequence[Any] | None, threads: int
+) -> dict[str, np.ndarray]:
+    environment = VectorEnvironment(task, len(which), threads=threads)
+    options: dict[str, Any] = {"start_noise": start_noise}
+    if scenarios is not None:
+        options["scenarios"] = scenarios[which.start : which.stop]
+    observations, info = environment.reset(seed=seed + which.start, options=options)
+    for _ in range(task.horizon):
+        observations, _, _, _, info = environment.step(act(observations))
+    return info
+
+
+def judge(
+    task: Task, policies: Mapping[str, Policy], *, episodes: int = 20, seed: int = START_SEED, threads: int = 0
+) -> dict[str, Evaluation]:
+    """Evaluate several policies on the task's scenario, all of them and the expert on the same starts.
+
+    Parameters
+    ----------
+    task : with the scenario to judge on. policies : name → policy.
+    episodes, seed, threads : see :func:`run_episodes`.
+    """
+    chosen = {"episodes": episodes, "seed": seed, "threads": threads}
+    expert = run_episodes(task, task.expert_action, **chosen)
+    rows = {}
+    for name, policy in policies.items():
+        own = expert if policy.method == "expert" else run_episodes(task, policy.act, **chosen)
+        rows[name] = _row(task, policy, own, expert, seed)
+    return rows
+
+
+def evaluate(
+    task: Task, policy: Policy, *, episodes: int = 20, seed: int = START_SEED, threads: int = 0
+) -> Evaluation:
+    """Evaluate one policy; see :func:`judge`."""
+    return judge(task, {"": policy}, episodes=episodes, seed=seed, threads=threads)[""]
+
+
+def _row(task: Task, policy: Policy, own: Episodes, expert: Episodes, seed: int) -> Evaluation:
+    score, expert_score = float(own.score.mean()), float(expert.score.mean())
+    signed = (expert_score - score) / abs(expert_score)
+    return Evaluation(
+        task=task.name,
+        scenario=scenario_label(task.scenario),
+        method=policy.method,
+        transfer=policy.transfer,
+        action=task.action,
+        history=task.history,
+        seed=policy.seed,
+        start_seed=seed,
+        episodes=len(own.score),
+        success_rate=float(own.success.mean()),
+        score_mean=score,
+        score_std=float(own.score.std()),
+        expert_score=expert_score,
+        expert_success_rate=float(expert.success.mean()),
+        relative_difference=abs(signed),
+        signed_difference=signed,
+        peak_force_mean=float(own.peak_force.mean()),
+    )
+
+
+def scenario_label(scenario: Any) -> str:
+    """The scenario's name; a start of the user's own is written out."""
+    return scenario.name if scenario.name != "custom" else ",".join(f"{x:g}" for x in scenario.start)

@@ -1,0 +1,1 @@
+"""The figures of a run, as Matplotlib figures in one style; none of them needs a display."""

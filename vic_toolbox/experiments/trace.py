@@ -1,0 +1,99 @@
+"""What one episode looked like: motion, gains and forces over time, for figures and videos."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from vic_toolbox.tasks import Task, VectorEnvironment
+
+
+@dataclass(frozen=True)
+class Trace:
+    """One episode, sampled at the policy rate; T rows, SI units, world axes.
+
+    Attributes
+    ----------
+    time : (T,) [s].
+    error, rate : pose error e and its rate ė, (T, 6).
+    stiffness, damping : diagonals of K and B, (T, 6); the stiffness is zero in the force action space.
+    feedback : feedback wrench F_fb, (T, 6).
+    contact : force of the furniture on the held object, (T,) [N].
+    joints : joint angles, (T, nv) [rad].
+    observations : what the policy saw, (T, n_o).
+    goal : position of the goal, (3,) [m].
+    score : the task's score of the episode.
+    """
+
+    time: np.ndarray
+    error: np.ndarray
+    rate: np.ndarray
+    stiffness: np.ndarray
+    damping: np.ndarray
+    feedback: np.ndarray
+    contact: np.ndarray
+    joints: np.ndarray
+    observations: np.ndarray
+    goal: np.ndarray
+    score: float
+
+    @property
+    def path(self) -> np.ndarray:
+        """Positions of the end-effector, (T, 3) [m]."""
+        return self.error[:, :3] + self.goal
+
+    @property
+    def distance(self) -> np.ndarray:
+        """Distance to the goal, (T,) [m]."""
+        return np.linalg.norm(self.error[:, :3], axis=1)
+
+    @property
+    def speed(self) -> np.ndarray:
+        """Speed of the end-effector, (T,) [m/s]."""
+        return np.linalg.norm(self.rate[:, :3], axis=1)
+
+    @property
+    def damping_factor(self) -> np.ndarray:
+        """`d = b / √k` of the translations, (T,) [√kg]; NaN without stiffness."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            factor = self.damping[:, :3] / np.sqrt(self.stiffness[:, :3])
+        return np.where(self.stiffness[:, 0] > 0.0, factor.mean(axis=1), np.nan)
+
+
+def record_trace(task: Task, act: Callable[[np.ndarray], np.ndarray]) -> Trace:
+    """Run one episode from the scenario's exact start, with the policy's mean action, and keep everything.
+
+    Parameters
+    ----------
+    task : with its scenario. act : observations (1, n_o) → actions (1, n_a).
+
+    Raises
+    ------
+    SimulationError : the simulation diverged.
+    """
+    environment = VectorEnvironment(task, 1)
+    simulation = environment.simulation
+    columns: dict[str, list[np.ndarray]] = {name: [] for name in _COLUMNS}
+    observation, info = environment.reset(seed=0, options={"start_noise": 0.0})
+    for _ in range(task.horizon):
+        seen, joints = observation[0], simulation.qpos[0].copy()
+        observation, _, _, _, info = environment.step(act(observation))
+        stiffness, damping = simulation.stiffness[0].copy(), simulation.damping[0].copy()
+        error, rate = seen[-12:-6], seen[-6:]
+        feedback = simulation.wrench[0] - stiffness * error - damping * rate
+        contact = simulation.contact_force[0]
+        row = (error, rate, stiffness, damping, feedback, contact, joints, seen)
+        for column, value in zip(columns.values(), row, strict=True):
+            column.append(value)
+    recorded = {name: np.array(column) for name, column in columns.items()}
+    return Trace(
+        time=task.dt * np.arange(task.horizon),
+        goal=np.array(task.scenario.start) - recorded["error"][0, :3],
+        score=float(info["score"][0]),
+        **recorded,
+    )
+
+
+_COLUMNS = ("error", "rate", "stiffness", "damping", "feedback", "contact", "joints", "observations")

@@ -1,0 +1,169 @@
+"""Train a policy from the expert's demonstrations: AIRL, behaviour cloning, or a constant gain as the baseline."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import torch
+
+from vic_toolbox import tasks
+from vic_toolbox.experiments.configuration import RunConfiguration, to_json
+from vic_toolbox.experiments.evaluation import Act, Evaluation, run_episodes
+from vic_toolbox.experiments.loop import one_thread, run_to_end
+from vic_toolbox.experiments.progress import Progress
+from vic_toolbox.experiments.results import read_evaluation
+from vic_toolbox.experiments.run_folder import RunFolder
+from vic_toolbox.experiments.run_report import report_run
+from vic_toolbox.experiments.skill import load_skill, make_task
+from vic_toolbox.learning import Airl, ExpertData, GaussianPolicy, clone, save_policy, save_reward
+from vic_toolbox.learning.policy_search import random_stream
+
+LOOKS = 4
+"""Episodes behind the score that is shown while a policy learns."""
+
+
+@dataclass(frozen=True)
+class Workshop:
+    """What every method works with."""
+
+    run: RunConfiguration
+    folder: RunFolder
+    task: tasks.Task
+    demonstrations: tasks.Demonstrations
+    threads: int
+    seconds: float
+    progress: Progress
+
+    def policy(self) -> GaussianPolicy:
+        """An untrained policy."""
+        search = self.run.recipe.airl.search
+        seed = int(random_stream(self.run.seed, 5).integers(2**31))
+        scale, size = self.task.observation_scale, self.task.action_size
+        return GaussianPolicy(scale, size, hidden=search.hidden, log_std=search.log_std, seed=seed)
+
+    def expert(self) -> ExpertData:
+        """The demonstrations as rows for learning."""
+        recorded = self.demonstrations
+        return ExpertData.from_trajectories(
+            recorded.observations,
+            recorded.actions,
+            policy=self.policy(),
+            bounds=(self.task.action_low, self.task.action_high),
+            held_out=self.run.demonstrations.held_out,
+        )
+
+
+def train(
+    run: RunConfiguration,
+    out: str | os.PathLike[str],
+    *,
+    resume: bool = False,
+    threads: int = 0,
+    seconds: float = math.inf,
+    progress: Progress | None = None,
+) -> Evaluation:
+    """Train, judge on the training scenario, and write the run's folder with its report.
+
+    The same configuration gives the same numbers, whatever the number of threads, and whether the run was stopped
+    and taken up again (after Ctrl-C or a kill) or not.
+
+    Parameters
+    ----------
+    run : what to train. out : the run's folder (see `run_folder`).
+    resume : take up the run in `out`, if there is one. threads : of the simulation, 0 for all processors.
+    seconds : stop AIRL early once so much time is used up; then the numbers depend on the machine.
+    progress : told how it goes; by default nobody.
+
+    Raises
+    ------
+    InputError, FileError : bad configuration or folder. KeyboardInterrupt : Ctrl-C; `resume` goes on from there.
+    """
+    progress = progress or Progress()
+    task = make_task(run, "train")
+    with RunFolder.create(out, "training", to_json(run), resume=resume) as folder, one_thread():
+        if folder.complete:
+            progress.say(f"{folder.path} is complete already.")
+            return read_evaluation(folder, "train")
+        progress.stage("demonstrations of the expert")
+        demonstrations = _demonstrations(run, task, folder, threads)
+        workshop = Workshop(run, folder, task, demonstrations, threads, seconds, progress)
+        policy = _METHODS[run.method](workshop)
+        save_policy(folder.path / "policy.safetensors", policy)
+        progress.stage("evaluation and report")
+        return report_run(load_skill(folder.path), threads=threads)
+
+
+def _demonstrations(
+    run: RunConfiguration, task: tasks.Task, folder: RunFolder, threads: int
+) -> tasks.Demonstrations:
+    """What the expert did; kept in the folder, so that a run taken up again learns from the same."""
+    path, wanted = folder.path / "demonstrations.npz", run.demonstrations
+    if path.exists():
+        return tasks.Demonstrations.load(path)
+    recorded = tasks.record(
+        task,
+        wanted.count + wanted.held_out,
+        seed=run.seed,
+        push=wanted.push,
+        start_noise=wanted.start_noise,
+        threads=threads,
+    )
+    recorded.save(path)
+    return recorded
+
+
+def _train_airl(shop: Workshop) -> GaussianPolicy:
+    settings = shop.run.recipe.airl
+    environment = tasks.VectorEnvironment(shop.task, settings.search.environments, threads=shop.threads)
+    learner = Airl(environment, shop.expert(), configuration=settings, seed=shop.run.seed)
+    shop.progress.stage(
+        "imitation (AIRL)", settings.iterations, expert_score=mean_score(shop.task, shop.task.expert_action)
+    )
+    run_to_end(
+        learner,
+        shop.folder,
+        progress=shop.progress,
+        mean_score=lambda: mean_score(shop.task, learner.search.averaged_policy().mean),
+        seconds=shop.seconds,
+    )
+    policy, reward = learner.result()
+    save_reward(shop.folder.path / "reward.safetensors", reward)
+    return policy
+
+
+def _train_bc(shop: Workshop) -> GaussianPolicy:
+    settings = shop.run.recipe.cloning
+    policy = shop.policy()
+    shop.folder.load_checkpoint()  # cloning takes seconds and starts over; this drops the metrics of a killed run
+    shop.progress.stage("cloning (BC)", settings.steps)
+
+    def note(metrics: dict[str, float]) -> None:
+        shop.folder.append_metrics(metrics)
+        shop.progress.update(int(metrics["iteration"]))
+
+    rng = random_stream(shop.run.seed, 6)
+    clone(policy, shop.expert(), configuration=settings, rng=rng, progress=note)
+    return policy
+
+
+def _constant(shop: Workshop) -> GaussianPolicy:
+    """The middle of every gain's range: a network of zeros, whose output bias is the action."""
+    policy = shop.policy()
+    policy.theta.zero_()
+    policy.network.layers[-1][1].copy_(torch.from_numpy(shop.task.constant_action()))
+    return policy
+
+
+_METHODS: dict[str, Callable[[Workshop], GaussianPolicy]] = {
+    "airl": _train_airl,
+    "bc": _train_bc,
+    "constant": _constant,
+}
+
+
+def mean_score(task: tasks.Task, act: Act) -> float:
+    """Mean score of a few episodes, to watch the learning; nothing is decided by it."""
+    return float(run_episodes(task, act, episodes=LOOKS, threads=1).score.mean())

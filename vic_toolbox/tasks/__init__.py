@@ -1,0 +1,98 @@
+"""Tasks: batched MuJoCo simulations with scenarios, score, success, expert and Gymnasium environments.
+
+>>> from vic_toolbox import tasks
+>>> task = tasks.make("cup-on-plate", action="gain")
+>>> environment = tasks.VectorEnvironment(task, num_envs=20)
+
+Importing this package registers the Gymnasium id ``vic/CupOnPlate-v0``. A new task is a module with a class
+like :class:`~vic_toolbox.tasks.cup_on_plate.CupOnPlate`, and one line in :data:`TASKS`.
+"""
+
+from __future__ import annotations
+
+import importlib
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
+
+import gymnasium
+
+from vic_toolbox.errors import one_of
+
+if TYPE_CHECKING:
+    from vic_toolbox.tasks.cup_on_plate import CupOnPlate, CupOnPlateEnv, CupOnPlateVectorEnv
+    from vic_toolbox.tasks.demonstrations import Demonstrations, record
+    from vic_toolbox.tasks.environment import Environment
+    from vic_toolbox.tasks.starts import Scenario
+    from vic_toolbox.tasks.task import Task
+    from vic_toolbox.tasks.vector_environment import VectorEnvironment
+
+TASKS = MappingProxyType({"cup-on-plate": "CupOnPlate"})
+"""Name of each task → name of its class in this package."""
+
+_HOME = {
+    "CupOnPlate": "cup_on_plate",
+    "CupOnPlateEnv": "cup_on_plate",
+    "CupOnPlateVectorEnv": "cup_on_plate",
+    "Demonstrations": "demonstrations",
+    "Environment": "environment",
+    "Scenario": "starts",
+    "Task": "task",
+    "VectorEnvironment": "vector_environment",
+    "record": "demonstrations",
+}
+
+__all__ = [
+    "TASKS",
+    "CupOnPlate",
+    "CupOnPlateEnv",
+    "CupOnPlateVectorEnv",
+    "Demonstrations",
+    "Environment",
+    "Scenario",
+    "Task",
+    "VectorEnvironment",
+    "make",
+    "names",
+    "record",
+]
+
+
+def make(name: str, **options: Any) -> Task:
+    """Make a task by name.
+
+    Parameters
+    ----------
+    name : str
+        One of :func:`names`.
+    **options
+        Options of the task's class; for Cup-on-Plate ``action``, ``history`` and ``scenario``.
+
+    Raises
+    ------
+    InputError
+        Unknown name, or a value that the task refuses.
+    """
+    return __getattr__(TASKS[one_of("task", name, TASKS)])(**options)
+
+
+def names() -> tuple[str, ...]:
+    """Names of all tasks."""
+    return tuple(TASKS)
+
+
+def __getattr__(name: str) -> Any:
+    """Import a public class on first use: the simulator and the compiler cost a second."""
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(importlib.import_module(f"{__name__}.{_HOME[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)
+
+
+gymnasium.register(
+    id="vic/CupOnPlate-v0",
+    entry_point="vic_toolbox.tasks.cup_on_plate:CupOnPlateEnv",
+    vector_entry_point="vic_toolbox.tasks.cup_on_plate:CupOnPlateVectorEnv",
+)

@@ -1,0 +1,317 @@
+r"""Cup-on-Plate: an arm puts a cup down on a plate, fast and softly.
+
+The policy runs at 100 Hz for 5 s, law and physics at 1 kHz. The observation is :math:`(e, \dot e)`, 12
+numbers, or the last few of them. There are two action spaces, both normalised:
+
+- ``gain`` (7), in [-1, 1]: three stiffnesses of 60-200 N/m, three of 1-6 Nm/rad, and the damping factor d of
+  9-12,
+  :math:`B = d\sqrt{K}` along the axes;
+- ``force`` (6), in [-8, 8]: the feedback wrench itself, in units of 25 N and 0.5 Nm.
+
+In both the law adds the same rotational damping of :math:`12\sqrt3` Nms/rad at its own rate. A wrench that is
+held for 10 ms cannot damp the small inertia of the tool (0.05-0.10 kg m²): without this, force policies would
+fail for a reason that has nothing to do with learning.
+
+The score penalises, with squared norms, the pose error while the cup is far and its rate while it is near.
+(With plain norms the sum of speeds is the length of the path, and nothing is left to gain by being fast.)
+
+References
+----------
+X. Zhang, L. Sun, Z. Kuang, M. Tomizuka, "Learning Variable Impedance Control via Inverse Reinforcement
+Learning for Force-Related Tasks", IEEE Robotics and Automation Letters, 2021.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import mujoco
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike
+
+from vic_toolbox.control.experts import ConstantGains, ThreePhaseExpert
+from vic_toolbox.errors import Array, InputError, integer, one_of
+from vic_toolbox.gains import DampingFactor
+from vic_toolbox.tasks import rendering
+from vic_toolbox.tasks.cup_scene import (
+    CUP,
+    GOAL,
+    PLATE,
+    PLATE_RADIUS,
+    PLATE_TOP,
+    SCENARIOS,
+    TOOL_DOWN,
+    TOOL_DOWN_QUAT_WXYZ,
+    as_scenario,
+    build_spec,
+    physics_model,
+    robot,
+    start_angles,
+)
+from vic_toolbox.tasks.environment import Environment
+from vic_toolbox.tasks.simulation import ArmSimulation
+from vic_toolbox.tasks.starts import Scenario
+from vic_toolbox.tasks.vector_environment import VectorEnvironment
+
+__all__ = [
+    "CUP", "GAINS", "GOAL", "PLATE", "PLATE_RADIUS", "PLATE_TOP", "SCENARIOS",
+    "TOOL_DOWN", "TOOL_DOWN_QUAT_WXYZ",
+    "CupOnPlate", "CupOnPlateEnv", "CupOnPlateVectorEnv",
+    "as_scenario", "build_spec", "physics_model", "robot", "start_angles",
+]  # fmt: skip
+
+FAR, NEAR = 0.4, 0.2
+"""Distances to the goal between which the task turns from accelerating to reaching [m]."""
+
+ROTATIONAL_DAMPING = 12 * math.sqrt(3.0)
+"""Damping about every axis, at the law's rate, in both action spaces [Nms/rad]."""
+
+GAINS = DampingFactor(
+    stiffness_low=(60.0, 60.0, 60.0, 1.0, 1.0, 1.0),
+    stiffness_high=(200.0, 200.0, 200.0, 6.0, 6.0, 6.0),
+    factor_low=9.0,
+    factor_high=12.0,
+    rotational_damping=ROTATIONAL_DAMPING,
+)
+"""Range of the gain action."""
+
+WRENCH_UNIT = np.repeat([25.0, 0.5], 3)
+"""Wrench that a force action of 1 stands for [N, Nm]."""
+LARGEST_FORCE_ACTION = 8.0
+
+OBSERVATION_SCALE = np.repeat([0.2, 0.05, 0.3, 0.3], 3)
+"""Typical size of e and ė [m, rad, m/s, rad/s]."""
+
+SCORE_WEIGHT = 15.78
+"""Chosen once, so that the expert's score on the training start is the published one."""
+
+CLOSE, UPRIGHT, RESTING, SOFT = 0.025, math.radians(10.0), 0.02, 25.0
+"""Success: distance to the goal [m], tilt [rad], speed of the cup's bottom [m/s], peak contact force [N].
+
+At 25 mm the whole cup stands on the plate with 15 mm to spare; 10° is a quarter of the angle at which it
+would tip.
+"""
+
+
+class CupOnPlate:
+    """The task: physics, action space, score, success and expert.
+
+    Parameters
+    ----------
+    action : {"gain", "force"}
+        Action space.
+    history : int
+        Number of last observations that the policy sees, oldest first; the first one fills it at the start.
+    scenario : str, Scenario or (x, y, z)
+        Where episodes start unless a reset says otherwise [m]; see
+        :func:`vic_toolbox.tasks.cup_scene.start_angles` for what is checked.
+
+    Attributes
+    ----------
+    name, action, history, scenario
+        As above.
+    horizon, dt, substeps : int, float, int
+        Policy steps of an episode, period of the policy [s], physics steps in a policy step.
+    observation_size, action_size : int
+    observation_scale : ndarray, shape (observation_size,)
+    action_low, action_high : ndarray, shape (action_size,)
+    expert : ThreePhaseExpert
+        Its gains, in SI units.
+
+    Raises
+    ------
+    InputError
+        Unknown action space or scenario, history below 1, or a start inside the furniture.
+    ReachError
+        The arm cannot start there.
+    """
+
+    name = "cup-on-plate"
+    horizon: int = 500
+    dt: float = 0.01
+    substeps: int = 10
+    scenarios: Mapping[str, Scenario] = SCENARIOS
+
+    def __init__(self, *, action: str = "gain", history: int = 1, scenario: Any = "train") -> None:
+        self.action = one_of("action", action, ("gain", "force"))
+        self.history = integer("history", history, low=1)
+        self.scenario = as_scenario(scenario)
+        self.observation_size = 12 * self.history
+        self.observation_scale = np.tile(OBSERVATION_SCALE, self.history)
+        self.action_size, bound = (GAINS.size, 1.0) if action == "gain" else (6, LARGEST_FORCE_ACTION)
+        self.action_high = np.full(self.action_size, bound)
+        self.action_low = -self.action_high
+        self.expert = ThreePhaseExpert(parametrisation=GAINS, far=FAR, near=NEAR)
+        self._middle, self._half = (GAINS.maximum + GAINS.minimum) / 2, (GAINS.maximum - GAINS.minimum) / 2
+        start_angles(self.scenario.start)
+
+    def with_action(self, action: str) -> CupOnPlate:
+        """The same task in another action space."""
+        return CupOnPlate(action=action, history=self.history, scenario=self.scenario)
+
+    def simulation(self, count: int, *, threads: int = 1) -> ArmSimulation:
+        """A new batch of simulations, for :meth:`start`."""
+        return ArmSimulation(physics_model(), count, threads=threads, push_body=CUP)
+
+    def start(
+        self, simulation: ArmSimulation, scenarios: Sequence[Any], *, noise: float, rng: np.random.Generator
+    ) -> None:
+        """Put simulation i at rest at ``scenarios[i]``, every joint angle off by N(0, ``noise``²) [rad]."""
+        starts = [as_scenario(scenario).start for scenario in scenarios]
+        qpos = np.array([start_angles(start) for start in starts])
+        qpos += noise * rng.standard_normal(qpos.shape)
+        simulation.reset(qpos, position=GOAL, quat_wxyz=TOOL_DOWN_QUAT_WXYZ)
+        simulation.damping[:, 3:] = ROTATIONAL_DAMPING
+
+    def act(self, simulation: ArmSimulation, actions: Array) -> None:
+        """Hand actions (n, action_size), clipped to their bounds, to the law."""
+        if self.action == "gain":
+            _set_gains(actions, self._middle, self._half, simulation.stiffness, simulation.damping)
+        else:
+            np.multiply(actions.clip(self.action_low, self.action_high), WRENCH_UNIT, out=simulation.wrench)
+
+    def picture_spec(self) -> mujoco.MjSpec:
+        """The scene with everything that the eye wants, for :mod:`vic_toolbox.tasks.rendering`."""
+        return rendering.decorate(build_spec(), table="table")
+
+    def reward(self, observations: ArrayLike) -> Array:
+        r"""Reward of a policy step that begins at the observations (..., 12 h), shape (...).
+
+        .. math::
+            r = -15.78\,\left(\lVert e\rVert^2\,[\lVert e_{pos}\rVert > 0.2]
+                + \lVert\dot e\rVert^2\,[\lVert e_{pos}\rVert \le 0.4]\right)
+        """
+        last = _newest(observations)
+        return _reward(last.reshape(-1, 12)).reshape(last.shape[:-1])
+
+    def score(self, observations: ArrayLike) -> Array:
+        """Sum of the rewards of T steps, (...), from the observations (T, ..., 12 h) at which they begin."""
+        return self.reward(observations).sum(axis=0)
+
+    def success(self, observations: ArrayLike, peak_force: ArrayLike) -> Array:
+        """Whether the cup has been delivered: near the goal, upright, at rest, and never pressed hard.
+
+        Parameters
+        ----------
+        observations : array_like, shape (..., 12 h)
+            At the end of the episode.
+        peak_force : array_like, shape (...)
+            Largest contact force of the episode [N].
+
+        Returns
+        -------
+        ndarray of bool, shape (...)
+            Within 25 mm of the goal, tilted by less than 10°, slower than 20 mm/s, never above 25 N.
+        """
+        last = _newest(observations)
+        distance, speed = (np.linalg.norm(last[..., k : k + 3], axis=-1) for k in (0, 6))
+        tilt = np.linalg.norm(last[..., 3:5], axis=-1)  # turning about the vertical does not tilt
+        return (distance < CLOSE) & (tilt < UPRIGHT) & (speed < RESTING) & (np.asarray(peak_force) < SOFT)
+
+    def outcome(self, simulation: ArmSimulation, observations: Array) -> dict[str, Array]:
+        """How an episode ended: ``success``, ``distance`` to the goal [m], ``peak_force`` [N], (n,) each."""
+        peak = simulation.peak_force
+        distance = np.linalg.norm(observations[..., -12:-9], axis=-1)
+        success = self.success(observations, peak) & ~simulation.stopped
+        return {"success": success, "distance": distance, "peak_force": peak, "stopped": simulation.stopped.copy()}
+
+    def expert_action(self, observations: ArrayLike) -> Array:
+        """Action of the three-phase expert, (..., action_size), for observations (..., 12 h)."""
+        return self.gains_to_action(self.expert.parameters(observations), observations)
+
+    def constant_action(self, observations: ArrayLike | None = None) -> Array:
+        """Action of constant gains, the middle of the range.
+
+        Without observations (gain space only) one action, (action_size,); with them (..., 12 h) one for each.
+        """
+        if observations is None:
+            if self.action == "force":
+                raise InputError(
+                    "a constant gain gives another wrench at each observation; pass the observations."
+                )
+            return np.zeros(self.action_size)
+        return self.gains_to_action(
+            ConstantGains(parametrisation=GAINS).parameters(observations), observations
+        )
+
+    def gains_to_action(self, parameters: Array, observations: ArrayLike) -> Array:
+        """Action with the effect of gain parameters (..., 7) at the observations (..., 12 h).
+
+        In the force space it is −K e − B ė without the rotational damping, which the law adds itself.
+        """
+        if self.action == "gain":
+            return GAINS.parameters_to_action(parameters)
+        last = _newest(observations)
+        wrench = -parameters[..., :6] * last[..., :6]
+        wrench[..., :3] -= parameters[..., 6:] * np.sqrt(parameters[..., :3]) * last[..., 6:9]
+        return np.clip(wrench / WRENCH_UNIT, self.action_low, self.action_high)
+
+
+def _newest(observations: ArrayLike) -> Array:
+    """The last (e, ė) of each row, (..., 12), contiguous."""
+    return np.ascontiguousarray(np.asarray(observations, dtype=np.float64)[..., -12:])
+
+
+@njit(cache=True)
+def _reward(rows):  # type: ignore[no-untyped-def]
+    """Rewards (n,) at (e, ė) (n, 12); compiled, because it runs in every policy step."""
+    rewards = np.zeros(rows.shape[0])
+    for i in range(rows.shape[0]):
+        position = rotation = rate = 0.0
+        for k in range(3):
+            position += rows[i, k] ** 2
+            rotation += rows[i, 3 + k] ** 2
+            rate += rows[i, 6 + k] ** 2 + rows[i, 9 + k] ** 2
+        if position > NEAR**2:
+            rewards[i] -= SCORE_WEIGHT * (position + rotation)
+        if position <= FAR**2:
+            rewards[i] -= SCORE_WEIGHT * rate
+    return rewards
+
+
+@njit(cache=True)
+def _set_gains(actions, middle, half, stiffness, damping):  # type: ignore[no-untyped-def]
+    """Write k (n, 6) and, along the axes, d √k (n, 3 of 6), of actions (n, 7) clipped to [−1, 1]."""
+    for i in range(actions.shape[0]):
+        factor = middle[6] + half[6] * min(max(actions[i, 6], -1.0), 1.0)
+        for k in range(6):
+            stiffness[i, k] = middle[k] + half[k] * min(max(actions[i, k], -1.0), 1.0)
+        for k in range(3):
+            damping[i, k] = factor * math.sqrt(stiffness[i, k])
+
+
+class CupOnPlateEnv(Environment):
+    """Cup-on-Plate, ``vic/CupOnPlate-v0`` of ``gymnasium.make``: :class:`CupOnPlate` in the base class."""
+
+    def __init__(
+        self,
+        *,
+        action: str = "gain",
+        history: int = 1,
+        scenario: Any = "train",
+        start_noise: float = 0.02,
+        render_mode: str | None = None,
+    ) -> None:
+        task = CupOnPlate(action=action, history=history, scenario=scenario)
+        super().__init__(task, start_noise=start_noise, render_mode=render_mode)
+
+
+class CupOnPlateVectorEnv(VectorEnvironment):
+    """Batched Cup-on-Plate, ``vic/CupOnPlate-v0`` of ``gymnasium.make_vec``: see :class:`CupOnPlateEnv`."""
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        *,
+        action: str = "gain",
+        history: int = 1,
+        scenario: Any = "train",
+        start_noise: float = 0.02,
+        threads: int = 1,
+        render_mode: str | None = None,
+    ) -> None:
+        task = CupOnPlate(action=action, history=history, scenario=scenario)
+        super().__init__(task, num_envs, start_noise=start_noise, threads=threads, render_mode=render_mode)
