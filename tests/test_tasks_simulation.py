@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from vic_toolbox import tasks
 from vic_toolbox.control import CartesianLaw, Reference
 from vic_toolbox.control.compiled import LAW_FIELDS, LAW_MAGIC, law_block
 from vic_toolbox.errors import InputError, ModelError, SimulationError
@@ -171,12 +172,38 @@ def test_contact_force_holds_what_presses_on_the_plate() -> None:
     assert loop.peak_force[0] >= loop.contact_force[0]
 
 
-def test_divergence_is_reported_by_name() -> None:
-    loop = simulation()
-    for bad in (50.0, np.nan):
-        loop.qvel[2, 3] = bad
-        with pytest.raises(SimulationError, match="1 of 5 simulations diverged at t = 0.00 s: 2 "):
-            loop.observe()
+@pytest.mark.parametrize("bad", [50.0, np.nan])
+def test_runaway_simulation_is_halted_and_named_and_the_others_go_on(bad: float) -> None:
+    loop, undisturbed = simulation(), simulation()
+    for each in (loop, undisturbed):
+        each.stiffness[:], each.damping[:] = [100] * 3 + [3] * 3, [100] * 3 + [20] * 3
+        each.step(10)
+    before = loop.qpos[2].copy()
+    loop.step(1)
+    undisturbed.step(1)
+    loop.qvel[2, 3] = bad
+    observed = loop.observe()
+    np.testing.assert_array_equal(loop.stopped, [False, False, True, False, False])
+    for _ in range(5):
+        loop.step(10)
+        undisturbed.step(10)
+        observed = loop.observe()
+    np.testing.assert_array_equal(loop.qpos[2], before)
+    np.testing.assert_array_equal(observed[2, 6:], 0.0)
+    others = [0, 1, 3, 4]
+    np.testing.assert_array_equal(observed[others], undisturbed.observe()[others])
+    loop.reset(STARTS[0], position=cup_scene.GOAL, quat_wxyz=cup_scene.TOOL_DOWN_QUAT_WXYZ)
+    assert not loop.stopped.any()
+
+
+def test_runaway_episode_is_reported_and_no_success() -> None:
+    environment = tasks.CupOnPlateVectorEnv(2)
+    observation, info = environment.reset(seed=0)
+    for _ in range(environment.task.horizon):
+        environment.simulation.qvel[1, 0] = 99.0 if environment.simulation.time > 4.9 else 0.0
+        observation, _, _, _, info = environment.step(environment.expert_action(observation))
+    np.testing.assert_array_equal(info["stopped"], [False, True])
+    assert not info["success"][1]
 
 
 def test_other_models_are_left_alone() -> None:

@@ -1,8 +1,4 @@
-"""The ``vic`` command.
-
-Each command is a dataclass: its fields are the options, its docstrings the help. Heavy imports happen when a command
-runs, so ``vic --help`` is quick.
-"""
+"""The ``vic`` command: from a line of text to one of the commands, and from an error to one clear line."""
 
 from __future__ import annotations
 
@@ -10,331 +6,15 @@ import shlex
 import sys
 import warnings
 from collections.abc import Sequence
-from contextlib import AbstractContextManager
-from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol, TypeVar
+from dataclasses import replace
+from typing import Any
 
 import tyro
-from rich.console import Console
-from rich.table import Table
-from rich.text import Text
-from tyro.conf import FlagCreatePairsOff, Positional, arg
+from tyro.conf import FlagCreatePairsOff
 
 import vic_toolbox
 from vic_toolbox.errors import InputError, VicError
-
-if TYPE_CHECKING:
-    from vic_toolbox.experiments.evaluation import Evaluation
-    from vic_toolbox.experiments.progress import Progress
-
-T = TypeVar("T")
-
-TaskName = Positional[Annotated[str, arg(metavar="TASK")]]
-Run = Positional[Annotated[Path, arg(metavar="RUN")]]
-NewFolder = Annotated[Path | None, arg(metavar="DIR")]
-Count = Annotated[int | None, arg(metavar="N")]
-Start = Annotated[str, arg(metavar="NAME|X,Y,Z")]
-MaybeStart = Annotated[str | None, arg(metavar="NAME|X,Y,Z")]
-MaybeFile = Annotated[Path | None, arg(metavar="FILE")]
-Folders = Annotated[tuple[Path, ...], arg(metavar="RUN ...")]
-
-
-class Command(Protocol):
-    """What every command offers."""
-
-    def run(self, rest: list[str]) -> None:
-        """Do it; `rest` are the options that are no field of the command."""
-        ...
-
-
-@dataclass(frozen=True)
-class Demo:
-    """Learn a skill from demonstrations and carry it to a start that it never saw.
-
-    Takes at most five minutes on four cores. Run it again with the same options to go on where it was stopped.
-
-    Example: vic demo --out runs/demo
-    """
-
-    out: Path = Path("runs/demo")
-    """Folder of the demonstration; its report.html shows the result."""
-    seed: int = 0
-    """Of demonstrations, weights and exploration; the same seed gives the same numbers."""
-    quick: bool = False
-    """A tenth of the learning: shows how it works, not how well."""
-    minutes: float = 5.0
-    """Learning stops early on a machine that would take longer than this [min]."""
-    threads: int = 0
-    """Threads of the simulation, 0 for all processors; the numbers do not depend on it."""
-
-    def run(self, rest: list[str]) -> None:
-        """Run the demonstration."""
-        from vic_toolbox.experiments.demo import DemoConfiguration, run_demo
-
-        _refuse(rest)
-        configuration = DemoConfiguration(seed=self.seed, quick=self.quick, minutes=self.minutes)
-        with _progress() as progress:
-            demo = run_demo(configuration, self.out, threads=self.threads, progress=progress)
-        print(f"\nThe report: {demo.report}\n\nTry next:")
-        for command, what in demo.next_steps:
-            print(f"  {command}\n      {what}")
-
-
-@dataclass(frozen=True)
-class Train:
-    """Learn a policy from the expert's demonstrations.
-
-    Every hyper-parameter is an option too, e.g. --airl.slope-bound 6; list them with --help-all.
-
-    Example: vic train cup-on-plate --method airl --action gain --seed 1 --out runs/airl-1
-    """
-
-    task: TaskName
-    """Name of the task, see `vic tasks`."""
-    method: Literal["airl", "bc", "constant"] = "airl"
-    """AIRL, behaviour cloning, or gains that never change."""
-    action: Literal["gain", "force"] = "gain"
-    """What the policy sets: impedance gains, or the feedback wrench itself."""
-    history: int = 1
-    """Last observations that the policy sees; the paper has 1 and 5."""
-    seed: int = 0
-    """Of demonstrations, weights, exploration and minibatches; the same seed gives the same numbers."""
-    out: NewFolder = None
-    """Folder of the run; by default runs/TASK-METHOD-ACTION-HISTORY-seedSEED."""
-    resume: bool = False
-    """Take up the run in that folder where it was stopped, if there is one."""
-    iterations: Count = None
-    """Iterations of AIRL, or steps of cloning; by default the task's recipe."""
-    demonstrations: int = 50
-    """Trajectories of the expert to learn from."""
-    held_out: int = 10
-    """Further trajectories that only judge the learning."""
-    push: float = 5.0
-    """Size of the random pushes on the expert [N]."""
-    episodes: int = 20
-    """Episodes of the evaluation at the end."""
-    threads: int = 0
-    """Threads of the simulation, 0 for all processors; the numbers do not depend on it."""
-
-    def run(self, rest: list[str]) -> None:
-        """Train."""
-        from vic_toolbox.experiments.configuration import DemonstrationConfiguration, default_configuration
-        from vic_toolbox.experiments.training import train
-
-        run = default_configuration(
-            self.task,
-            self.method,
-            action=self.action,
-            history=self.history,
-            seed=self.seed,
-            episodes=self.episodes,
-            demonstrations=DemonstrationConfiguration(
-                count=self.demonstrations, held_out=self.held_out, push=self.push
-            ),
-        )
-        recipe = run.recipe
-        if self.iterations is not None:
-            recipe = replace(
-                recipe,
-                airl=replace(recipe.airl, iterations=self.iterations),
-                cloning=replace(recipe.cloning, steps=self.iterations),
-            )
-        run = replace(run, recipe=_hyper_parameters(recipe, rest, "vic train"))
-        name = f"{self.task}-{self.method}-{self.action}-{self.history}-seed{self.seed}"
-        out = self.out or Path("runs") / name
-        with _progress() as progress:
-            evaluation = train(run, out, resume=self.resume, threads=self.threads, progress=progress)
-        _print_result(evaluation, out)
-
-
-@dataclass(frozen=True)
-class Transfer:
-    """Carry a skill over: optimise a policy on another start under the frozen reward of a run.
-
-    Every hyper-parameter is an option too, e.g. --divergence 0.01; list them with --help-all.
-
-    Example: vic transfer runs/airl-1 --scenario T1 --out runs/airl-1-T1
-    """
-
-    source: Run
-    """Folder of a finished AIRL run."""
-    scenario: Start
-    """Scenario, see `vic tasks`, or a start "x,y,z" [m]."""
-    out: NewFolder = None
-    """Folder of the new run; by default that of the source with the scenario added."""
-    fresh: bool = False
-    """Begin with random weights instead of the run's policy: the test of the reward itself."""
-    reward: Literal["learned", "random"] = "learned"
-    """The learned reward, or an untrained network as the control."""
-    seed: int = 0
-    """Of fresh weights, exploration and minibatches; the same seed gives the same numbers."""
-    resume: bool = False
-    """Take up the run in that folder where it was stopped, if there is one."""
-    iterations: Count = None
-    """Iterations; by default the task's recipe."""
-    episodes: int = 20
-    """Episodes of the evaluation at the end."""
-    threads: int = 0
-    """Threads of the simulation, 0 for all processors; the numbers do not depend on it."""
-
-    def run(self, rest: list[str]) -> None:
-        """Transfer."""
-        from vic_toolbox.experiments.skill import load_skill
-        from vic_toolbox.experiments.transfer import transfer
-
-        settings = load_skill(self.source).run.recipe.transfer
-        if self.iterations is not None:
-            settings = replace(settings, iterations=self.iterations)
-        kind = f"{'-fresh' if self.fresh else ''}{'-random' if self.reward == 'random' else ''}"
-        out = self.out or self.source.with_name(f"{self.source.name}-{self.scenario}{kind}")
-        with _progress() as progress:
-            evaluation = transfer(
-                self.source,
-                self.scenario,
-                out,
-                fresh=self.fresh,
-                reward=self.reward,
-                seed=self.seed,
-                settings=_hyper_parameters(settings, rest, "vic transfer"),
-                episodes=self.episodes,
-                resume=self.resume,
-                threads=self.threads,
-                progress=progress,
-            )
-        _print_result(evaluation, out)
-
-
-@dataclass(frozen=True)
-class Evaluate:
-    """Judge a policy beside the expert on the same starts.
-
-    Writes RUN/evaluations/SCENARIO/evaluation.json and RUN/evaluation.json, or the files of a sweep.
-
-    Example: vic evaluate runs/airl-1 --scenario T1 --episodes 50
-    """
-
-    source: Run
-    """Folder of a finished run."""
-    scenario: MaybeStart = None
-    """Scenario, see `vic tasks`, or a start "x,y,z" [m]; by default that of the run."""
-    episodes: Count = None
-    """Episodes, each from another start nearby; by default 20, in a sweep 1 from each exact start."""
-    seed: int = 1000
-    """Of the starts; the same seed gives the same numbers."""
-    sweep: Literal["start"] | None = None
-    """Judge from starts at many distances and bearings around the goal instead."""
-    against: Folders = ()
-    """Folders of further runs to draw beside this one in a sweep."""
-    threads: int = 0
-    """Threads of the simulation, 0 for all processors; the numbers do not depend on it."""
-
-    def run(self, rest: list[str]) -> None:
-        """Evaluate."""
-        from vic_toolbox.experiments.evaluation import evaluate
-        from vic_toolbox.experiments.results import write_evaluation
-        from vic_toolbox.experiments.skill import load_skill
-
-        _refuse(rest)
-        skill = load_skill(self.source)
-        if self.sweep is not None:
-            self._sweep(skill)
-            return
-        task = skill.task(self.scenario)
-        episodes = 20 if self.episodes is None else self.episodes
-        evaluation = evaluate(task, skill.judged, episodes=episodes, seed=self.seed, threads=self.threads)
-        write_evaluation(skill.folder, evaluation)
-        _print_result(evaluation, self.source)
-
-    def _sweep(self, skill: Any) -> None:
-        from vic_toolbox.experiments.skill import load_skill
-        from vic_toolbox.experiments.sweep import sweep_runs
-
-        if self.scenario is not None:
-            raise InputError("a sweep has its own starts; leave --scenario out.")
-        episodes = 1 if self.episodes is None else self.episodes
-        others = [load_skill(folder) for folder in self.against]
-        with _progress() as progress:
-            swept = sweep_runs(
-                [skill, *others], episodes=episodes, seed=self.seed, threads=self.threads, progress=progress
-            )
-        folder = self.source / "evaluations" / "sweep"
-        swept.write(folder)
-        _print_sweep(swept.summary(), folder)
-
-
-@dataclass(frozen=True)
-class Play:
-    """Watch a policy, in a window or as a film beside the expert.
-
-    Example: vic play runs/airl-1 --scenario T1 --video t1.mp4
-    """
-
-    source: Run
-    """Folder of a finished run."""
-    scenario: MaybeStart = None
-    """Scenario, see `vic tasks`, or a start "x,y,z" [m]; by default that of the run."""
-    video: MaybeFile = None
-    """Write a film (.mp4) of the policy and the expert instead of opening a window."""
-    seed: int = 0
-    """Of the start in the window; 0 starts exactly at the scenario."""
-
-    def run(self, rest: list[str]) -> None:
-        """Play."""
-        from vic_toolbox.experiments.play import film_skill, show_skill
-        from vic_toolbox.experiments.skill import load_skill
-
-        _refuse(rest)
-        skill = load_skill(self.source)
-        if self.video is None:
-            print(show_skill(skill, self.scenario, seed=self.seed))
-        else:
-            print(film_skill(skill, self.scenario, self.video))
-
-
-@dataclass(frozen=True)
-class Robots:
-    """List the robots that models can load, with joints and reach.
-
-    Example: vic robots
-    """
-
-    seed: int = 0
-    """Of the random postures that the reach is measured with."""
-
-    def run(self, rest: list[str]) -> None:
-        """List."""
-        from vic_toolbox.experiments.listing import robot_rows
-
-        _refuse(rest)
-        _print_table(("name", "joints", "reach [m]", "tool frame", "description"), robot_rows(self.seed))
-
-
-@dataclass(frozen=True)
-class Tasks:
-    """List the tasks with their scenarios and action spaces.
-
-    Example: vic tasks
-    """
-
-    def run(self, rest: list[str]) -> None:
-        """List."""
-        from vic_toolbox.experiments.listing import scenario_rows, task_rows
-
-        _refuse(rest)
-        _print_table(("task", "Gymnasium id", "actions", "episode"), task_rows())
-        _print_table(("task", "scenario", "start x, y, z [m]"), scenario_rows())
-
-
-COMMANDS: dict[str, type[Command]] = {
-    "demo": Demo,
-    "train": Train,
-    "transfer": Transfer,
-    "evaluate": Evaluate,
-    "play": Play,
-    "robots": Robots,
-    "tasks": Tasks,
-}
+from vic_toolbox.experiments.commands import COMMANDS, Command, Train, Transfer
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -352,7 +32,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except ModuleNotFoundError as error:
         if debug or (error.name or "").startswith("vic_toolbox"):
             raise
-        print(f"vic: error: {error}; install the missing part: pip install 'vic-toolbox[learn]'", file=sys.stderr)
+        print(f"vic: error: {error}; install it with: pip install 'vic-toolbox[learn]'", file=sys.stderr)
     except KeyboardInterrupt:
         print(f"\nvic: stopped.{_how_to_go_on(line)}", file=sys.stderr)
         return 130
@@ -369,21 +49,26 @@ def _dispatch(line: list[str]) -> int:
     if line[0] not in COMMANDS:
         raise InputError(f"{line[0]!r} is no command; choose one of: {', '.join(COMMANDS)}. See vic --help.")
     try:
-        command, rest = tyro.cli(
-            COMMANDS[line[0]],
-            args=line[1:],
-            prog=f"vic {line[0]}",
-            return_unknown_args=True,
-            config=(FlagCreatePairsOff,),
-        )
-        command.run(rest)
+        _parse(line[0], line[1:]).run()
     except SystemExit as end:  # tyro has printed its help, or what is wrong with the options
         return int(end.code or 0)
     return 0
 
 
+def _parse(name: str, words: list[str]) -> Command:
+    options: dict[str, Any] = {"args": words, "prog": f"vic {name}", "config": (FlagCreatePairsOff,)}
+    kind = COMMANDS[name]
+    if kind not in (Train, Transfer):
+        return tyro.cli(kind, **options)
+    command, rest = tyro.cli(kind, **options, return_unknown_args=True)
+    if any(word.startswith("-") and "." not in word and word != "--help-all" for word in rest):
+        return tyro.cli(kind, **options)  # ends with what is wrong
+    return replace(command, hyper_parameters=tuple(rest))
+
+
 def _print_help() -> None:
-    print(f"usage: vic COMMAND [options]\n\nVariable impedance control: learn it from demonstrations, carry it over.\n")
+    print("usage: vic COMMAND [options]\n")
+    print("Variable impedance control: learn it from demonstrations, carry it over.\n")
     for name, command in COMMANDS.items():
         print(f"  {name:<10} {(command.__doc__ or '').splitlines()[0]}")
     print(
@@ -392,50 +77,6 @@ def _print_help() -> None:
         "\n  --debug              with any command: show the traceback of an error"
         "\n\nBegin with: vic demo"
     )
-
-
-def _hyper_parameters(default: T, rest: list[str], program: str) -> T:
-    """The default with the options of `rest` in it; ``--help-all`` lists them."""
-    words = ["--help" if word == "--help-all" else word for word in rest]
-    return tyro.cli(type(default), args=words, default=default, prog=program, config=(FlagCreatePairsOff,))
-
-
-def _refuse(rest: list[str]) -> None:
-    if rest:
-        raise InputError(f"unknown option {rest[0]!r}; see --help of the command.")
-
-
-def _progress() -> AbstractContextManager[Progress]:
-    from vic_toolbox.experiments.progress import ConsoleProgress
-
-    return ConsoleProgress(Console(stderr=True))
-
-
-def _print_result(row: Evaluation, folder: Path) -> None:
-    side = "worse" if row.signed_difference > 0 else "better"
-    print(
-        f"{row.scenario}: score {row.score_mean:.1f} ± {row.score_std:.1f}, expert {row.expert_score:.1f}, relative "
-        f"difference {row.relative_difference:.3f} ({side}), success {100 * row.success_rate:.0f} % of {row.episodes}\n"
-        f"{folder / 'report.html'}"
-    )
-
-
-def _print_sweep(summary: dict[str, Any], folder: Path) -> None:
-    rows = [
-        (name, f"{m['relative_difference_mean']:.3f}", f"{m['relative_difference_worst']:.3f}", f"{100 * m['success_rate']:.0f} %")
-        for name, m in summary["methods"].items()
-    ]
-    _print_table(("policy", "relative difference", "worst", "success"), rows)
-    print(f"{summary['starts']} starts; {folder / 'sweep.svg'}, sweep.csv, sweep.json")
-
-
-def _print_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    table = Table(*map(Text, head), box=None, pad_edge=False, header_style="bold", padding=(0, 3, 0, 0))
-    for row in rows:
-        table.add_row(*map(Text, row))
-    console = Console()
-    (console if console.is_terminal else Console(width=200)).print(table)
-    print()
 
 
 def _how_to_go_on(line: list[str]) -> str:

@@ -100,7 +100,9 @@ class TransferRunConfiguration:
         check_numbers(self.transfer, "transfer")
 
 
-def default_configuration(task: str, method: str, *, action: str = "gain", history: int = 1, **rest: Any) -> Any:
+def default_configuration(
+    task: str, method: str, *, action: str = "gain", history: int = 1, **rest: Any
+) -> RunConfiguration:
     """A :class:`RunConfiguration` with the task's own recipe.
 
     Raises
@@ -146,7 +148,10 @@ def from_json(cls: type[T], value: Any, *, where: str) -> T:
     names = {entry.name for entry in fields(typing.cast(Any, cls))}
     if names != value.keys():
         missing, unknown = sorted(names - value.keys()), sorted(value.keys() - names)
-        raise FileError(f"{where} lacks {missing or 'nothing'} and has the unknown {unknown or 'nothing'}; it is of another version, run it anew")
+        raise FileError(
+            f"{where} lacks {missing or 'nothing'} and has the unknown {unknown or 'nothing'}; "
+            "it is of another version of the toolbox: run it anew."
+        )
     try:
         return cls(**{name: _read(hints[name], value[name], f"{where}.{name}") for name in names})
     except InputError as error:

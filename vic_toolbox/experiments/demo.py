@@ -1,9 +1,8 @@
-"""The demonstration: a skill learned from an expert and carried to a start that it never saw, in a few minutes."""
+"""The demonstration: a skill learned from an expert and carried to an unseen start, in a few minutes."""
 
 from __future__ import annotations
 
 import os
-import time
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
@@ -52,7 +51,7 @@ def run_demo(
     threads: int = 0,
     progress: Progress | None = None,
 ) -> Demo:
-    """Demonstrations, cloning, imitation, transfer, report; goes on where an earlier attempt in `out` stopped.
+    """Demonstrations, cloning, imitation, transfer, report; goes on where an earlier attempt stopped.
 
     Raises
     ------
@@ -115,12 +114,16 @@ def _scene(skills: dict[str, Skill], scenario: str, threads: int) -> _Scene:
 
 
 def _report(folder: RunFolder, configuration: DemoConfiguration, threads: int) -> None:
-    airl, bc, constant, carried = (load_skill(folder.path / name) for name in ("airl", "bc", "constant", f"airl-{UNSEEN}"))
+    airl, bc, constant, carried = (
+        load_skill(folder.path / name) for name in ("airl", "bc", "constant", f"airl-{UNSEEN}")
+    )
     seen = _scene({"airl": airl, "bc": bc, "constant": constant}, "train", threads)
     unseen = _scene({"before": airl, "transfer": carried, "bc": bc, "constant": constant}, UNSEEN, threads)
     figures = folder.path / "figures"
     caption = film(
-        folder.path / "film.mp4", {name: unseen.traces[name] for name in ("expert", "transfer")}, airl.task(UNSEEN)
+        folder.path / "film.mp4",
+        {name: unseen.traces[name] for name in ("expert", "transfer")},
+        airl.task(UNSEEN),
     )
     curves = learning.learning_curves(
         airl.folder.metrics(), expert_score=seen.rows["airl"].expert_score, name="airl"
@@ -185,7 +188,9 @@ def _notes(airl: Skill, configuration: DemoConfiguration) -> list[str]:
     notes = []
     metrics = airl.folder.metrics()
     if configuration.quick:
-        notes.append("This was a quick run with a tenth of the learning: it shows how the method works, not how well.")
+        notes.append(
+            "This was a quick run with a tenth of the learning: it shows how the method works, not how well."
+        )
     elif metrics and metrics[-1]["iteration"] < airl.run.recipe.airl.iterations:
         notes.append(
             f"Learning stopped after {metrics[-1]['iteration']} of {airl.run.recipe.airl.iterations} iterations, when the "
@@ -196,7 +201,10 @@ def _notes(airl: Skill, configuration: DemoConfiguration) -> list[str]:
 
 def _next_steps(out: Path) -> list[tuple[str, str]]:
     return [
-        (f"vic transfer {out}/airl --scenario T3 --out {out}/airl-T3", "Carry the skill to another unseen start."),
+        (
+            f"vic transfer {out}/airl --scenario T3 --out {out}/airl-T3",
+            "Carry the skill to another unseen start.",
+        ),
         (
             f"vic evaluate {out}/airl --sweep start --against {out}/bc",
             "Judge it and the cloned policy from starts all around the arm.",

@@ -44,9 +44,12 @@ class Policy:
     @classmethod
     def constant(cls, task: Task) -> Policy:
         """Gains in the middle of their range, always."""
-        return cls(lambda observations: np.broadcast_to(
-            task.constant_action(observations), (len(observations), task.action_size)
-        ), "constant")
+        return cls(
+            lambda observations: np.broadcast_to(
+                task.constant_action(observations), (len(observations), task.action_size)
+            ),
+            "constant",
+        )
 
 
 @dataclass(frozen=True)
@@ -138,7 +141,13 @@ def run_episodes(
 
 
 def _run(
-    task: Task, act: Act, which: range, seed: int, start_noise: float, scenarios: Sequence[Any] | None, threads: int
+    task: Task,
+    act: Act,
+    which: range,
+    seed: int,
+    start_noise: float,
+    scenarios: Sequence[Any] | None,
+    threads: int,
 ) -> dict[str, np.ndarray]:
     environment = VectorEnvironment(task, len(which), threads=threads)
     options: dict[str, Any] = {"start_noise": start_noise}
@@ -151,7 +160,12 @@ def _run(
 
 
 def judge(
-    task: Task, policies: Mapping[str, Policy], *, episodes: int = 20, seed: int = START_SEED, threads: int = 0
+    task: Task,
+    policies: Mapping[str, Policy],
+    *,
+    episodes: int = 20,
+    seed: int = START_SEED,
+    threads: int = 0,
 ) -> dict[str, Evaluation]:
     """Evaluate several policies on the task's scenario, all of them and the expert on the same starts.
 

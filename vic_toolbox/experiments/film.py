@@ -47,7 +47,9 @@ def film(path: Path, traces: Mapping[str, Trace], task: Task) -> str:
         write_video(path, _frames(traces, step, _drawn(traces)), fps=FPS)
         return DRAWN.format(reason=error)
     with renderer:
-        write_video(path, _frames(traces, step, lambda name, t: renderer.picture(traces[name].joints[t])), fps=FPS)
+        write_video(
+            path, _frames(traces, step, lambda name, t: renderer.picture(traces[name].joints[t])), fps=FPS
+        )
     return RENDERED
 
 
@@ -55,13 +57,18 @@ def _frames(
     traces: Mapping[str, Trace], step: int, picture: Callable[[str, int], np.ndarray]
 ) -> Iterator[np.ndarray]:
     for t in range(0, _arrival(traces) + 1, step):
-        yield np.concatenate([_panel(picture(name, t), name, trace, t) for name, trace in traces.items()], axis=1)
+        yield np.concatenate(
+            [_panel(picture(name, t), name, trace, t) for name, trace in traces.items()], axis=1
+        )
 
 
 def _arrival(traces: Mapping[str, Trace]) -> int:
     """Row half a second after the last one has come to within 20 mm of the goal; the rest is standing still."""
     length = len(next(iter(traces.values())).time)
-    late = [np.flatnonzero(trace.distance > 0.02).max(initial=0) + round(0.5 / trace.time[1]) for trace in traces.values()]
+    late = [
+        np.flatnonzero(trace.distance > 0.02).max(initial=0) + round(0.5 / trace.time[1])
+        for trace in traces.values()
+    ]
     return min(max(late), length - 1)
 
 
@@ -95,7 +102,9 @@ def _font(size: int, *, bold: bool = False) -> ImageFont.FreeTypeFont:
 def _drawn(traces: Mapping[str, Trace]) -> Callable[[str, int], np.ndarray]:
     """Pictures of the arm as lines from joint to joint."""
     arm = robot()
-    frames = [frame for frame in arm.frame_names if frame.startswith(("base", "link", "flange", "gripper", "cup"))]
+    frames = [
+        frame for frame in arm.frame_names if frame.startswith(("base", "link", "flange", "gripper", "cup"))
+    ]
     joints = {
         name: np.stack([arm.pose(trace.joints, frame=frame)[:, :3, 3] for frame in frames], axis=1)
         for name, trace in traces.items()
@@ -107,7 +116,9 @@ def _drawn(traces: Mapping[str, Trace]) -> Callable[[str, int], np.ndarray]:
             motion.draw_paths(axes, {"start": {name: trace}}, plate_radius=PLATE_RADIUS)
             axes.set_zlim(0.0, 0.9)
             axes.set_box_aspect((0.8, 0.9, 0.9), zoom=1.1)
-            (links,) = axes.plot([], [], [], color="#e0a800", lw=5, marker="o", ms=6, mfc="#7a5c00", mec="none")
+            (links,) = axes.plot(
+                [], [], [], color="#e0a800", lw=5, marker="o", ms=6, mfc="#7a5c00", mec="none"
+            )
             drawings[name] = (drawing, links)
 
     def picture(name: str, t: int) -> np.ndarray:

@@ -71,7 +71,9 @@ def run_to_end(
         try:
             learner.load_state(saved)
         except (KeyError, RuntimeError) as error:
-            raise FileError(f"the checkpoint in {folder.path} does not fit this run ({error}); start it anew") from error
+            raise FileError(
+                f"the checkpoint in {folder.path} does not fit this run ({error}); start it anew"
+            ) from error
     rows = folder.metrics()
     used = rows[-1]["seconds"] if rows else 0.0
     done = rows[-1]["iteration"] if rows else 0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from vic_toolbox.errors import InputError, integer
+from vic_toolbox.errors import DependencyError, InputError, integer
 from vic_toolbox.experiments.evaluation import START_NOISE
 from vic_toolbox.experiments.film import film
 from vic_toolbox.experiments.skill import Skill
@@ -23,7 +23,10 @@ def film_skill(skill: Skill, scenario: str | None, path: Path) -> str:
     if path.suffix != ".mp4":
         raise InputError(f"the film's name is {str(path)!r}; it must end in .mp4.")
     task = skill.task(scenario)
-    traces = {"expert": record_trace(task, task.expert_action), skill.look: record_trace(task, skill.judged.act)}
+    traces = {
+        "expert": record_trace(task, task.expert_action),
+        skill.look: record_trace(task, skill.judged.act),
+    }
     caption = film(path, traces, task)
     return f"{path}\n{caption}"
 
@@ -41,7 +44,10 @@ def show_skill(skill: Skill, scenario: str | None, *, seed: int = 0) -> str:
     """
     task = skill.task(scenario)
     seed = integer("seed", seed, low=0)
-    window = Window(task.picture_spec(), period=task.dt)
+    try:
+        window = Window(task.picture_spec(), period=task.dt)
+    except DependencyError as error:
+        raise DependencyError(f"{error} Or write a film: vic play RUN --video FILE.mp4") from error
     environment = VectorEnvironment(task, 1)
     info: dict = {}
     try:

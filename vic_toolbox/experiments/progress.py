@@ -6,9 +6,15 @@ import time
 from typing import Self
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, SpinnerColumn, TextColumn, TimeElapsedColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    SpinnerColumn,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
 from rich.progress import Progress as Bars
-from rich.progress import TimeRemainingColumn
 
 
 class Progress:
@@ -67,7 +73,9 @@ class ConsoleProgress(Progress):
         self._done, self._total = done, total or self._total
         if self._done_at_first is None:
             self._done_at_first = done
-        told = " / ".join(([] if score is None else [f"score {score:.0f}"]) + ([self._expert] if self._expert else []))
+        told = " / ".join(
+            ([] if score is None else [f"score {score:.0f}"]) + ([self._expert] if self._expert else [])
+        )
         if self._bars and self._bar is not None:
             self._bars.update(self._bar, completed=done, total=self._total or None, score=told)
         elif time.monotonic() - self._spoke >= self._interval:

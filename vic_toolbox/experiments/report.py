@@ -28,7 +28,9 @@ class Figure:
         """The element."""
         kind = "image/svg+xml" if self.path.suffix == ".svg" else "image/png"
         picture = f'<img alt="{escape(self.title, quote=True)}" src="{_embedded(self.path, kind)}">'
-        return _section(self.title, f"<figure>{picture}<figcaption>{escape(self.caption)}</figcaption></figure>")
+        return _section(
+            self.title, f"<figure>{picture}<figcaption>{escape(self.caption)}</figcaption></figure>"
+        )
 
 
 @dataclass(frozen=True)
@@ -59,11 +61,13 @@ class Table:
         """The element."""
         head = "".join(f"<th>{escape(cell)}</th>" for cell in self.head)
         body = "".join(
-            f'<tr{" class=marked" if i in self.marked else ""}>{"".join(f"<td>{escape(c)}</td>" for c in row)}</tr>'
+            f"<tr{' class=marked' if i in self.marked else ''}>{''.join(f'<td>{escape(c)}</td>' for c in row)}</tr>"
             for i, row in enumerate(self.rows)
         )
         table = f"<div class=scroll><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>"
-        return _section(self.title, table + (f"<p class=caption>{escape(self.caption)}</p>" if self.caption else ""))
+        return _section(
+            self.title, table + (f"<p class=caption>{escape(self.caption)}</p>" if self.caption else "")
+        )
 
 
 @dataclass(frozen=True)
@@ -86,7 +90,9 @@ class Commands:
 
     def html(self) -> str:
         """The element."""
-        items = "".join(f"<dt><code>{escape(line)}</code></dt><dd>{escape(what)}</dd>" for line, what in self.commands)
+        items = "".join(
+            f"<dt><code>{escape(line)}</code></dt><dd>{escape(what)}</dd>" for line, what in self.commands
+        )
         return _section(self.title, f"<dl class=commands>{items}</dl>")
 
 
@@ -103,7 +109,9 @@ class Settings:
             f"<tr><td><code>{escape(name)}</code></td><td><code>{escape(str(value))}</code></td></tr>"
             for name, value in self.values.items()
         )
-        return f"<details><summary>{escape(self.title)}</summary><table class=settings>{rows}</table></details>"
+        return (
+            f"<details><summary>{escape(self.title)}</summary><table class=settings>{rows}</table></details>"
+        )
 
 
 Part = Figure | Film | Table | Note | Commands | Settings
@@ -129,7 +137,9 @@ def write_report(
     ------
     FileError : a figure is missing or the page cannot be written.
     """
-    numbers = "".join(f"<div class=tile><b>{escape(n)}</b><span>{escape(what)}</span></div>" for n, what in tiles)
+    numbers = "".join(
+        f"<div class=tile><b>{escape(n)}</b><span>{escape(what)}</span></div>" for n, what in tiles
+    )
     page = Template(_PAGE.read_text(encoding="utf-8")).substitute(
         title=escape(title),
         subtitle=escape(subtitle),

@@ -65,7 +65,9 @@ def motion_figures(scenes: Mapping[str, motion.Traces], folder: Path) -> list[re
 _TITLES = {"gains": "Gains over time", "paths": "Paths in space", "forces": "Forces"}
 
 
-def results_table(title: str, rows: Sequence[tuple[str, Evaluation]], *, marked: str, caption: str = "") -> report.Table:
+def results_table(
+    title: str, rows: Sequence[tuple[str, Evaluation]], *, marked: str, caption: str = ""
+) -> report.Table:
     """One row for each policy, (label, evaluation); the marked label is set off."""
     head = ("policy", "start", "score", "expert's score", "relative difference", "success", "peak contact")
     return report.Table(
@@ -124,4 +126,6 @@ def place(scenario: str) -> str:
     """A scenario in words."""
     if scenario == "train":
         return "the training start"
-    return f"the start ({scenario.replace(',', ', ')}) m" if "," in scenario else f"the unseen start {scenario}"
+    return (
+        f"the start ({scenario.replace(',', ', ')}) m" if "," in scenario else f"the unseen start {scenario}"
+    )

@@ -59,8 +59,10 @@ def _evenly_spaced(distance: np.ndarray) -> np.ndarray:
     return np.unique(rows)
 
 
-def _values(reward: RewardNetwork, policy: GaussianPolicy, states: np.ndarray, actions: np.ndarray) -> np.ndarray:
-    """r (n, m) for states (n, n_o) and actions (n, m, n_a)."""
+def _values(
+    reward: RewardNetwork, policy: GaussianPolicy, states: np.ndarray, actions: np.ndarray
+) -> np.ndarray:
+    """R (n, m) for states (n, n_o) and actions (n, m, n_a)."""
     n, m, size = actions.shape
     inputs = policy.scaled(states).repeat_interleave(m, dim=0)
     tried = torch.from_numpy(np.ascontiguousarray(actions.reshape(n * m, size), dtype=np.float32))

@@ -50,7 +50,12 @@ class RunFolder:
 
     @classmethod
     def create(
-        cls, path: str | os.PathLike[str], kind: str, configuration: Mapping[str, Any], *, resume: bool = False
+        cls,
+        path: str | os.PathLike[str],
+        kind: str,
+        configuration: Mapping[str, Any],
+        *,
+        resume: bool = False,
     ) -> Self:
         """Begin a run in an empty or new folder, or with `resume` take up the run that is there.
 
@@ -88,7 +93,9 @@ class RunFolder:
         if not path.is_dir():
             raise FileError(f"{path} is not a folder; pass the folder of a run, as given to --out.")
         if not (path / "config.json").is_file():
-            raise FileError(f"{path} holds no run (no config.json); pass the folder of a run, as given to --out.")
+            raise FileError(
+                f"{path} holds no run (no config.json); pass the folder of a run, as given to --out."
+            )
         identity = _read_identity(path)
         return cls(path, identity["kind"], identity["configuration"])
 
@@ -124,7 +131,9 @@ class RunFolder:
                     file.flush()
                     os.fsync(file.fileno())
         except OSError as error:
-            raise FileError(f"{path} cannot be written ({error}); free some space and take the run up again.") from error
+            raise FileError(
+                f"{path} cannot be written ({error}); free some space and take the run up again."
+            ) from error
 
     def metrics(self) -> list[dict[str, Any]]:
         """The lines of ``metrics.jsonl``; an unfinished last line is left out.
@@ -143,13 +152,17 @@ class RunFolder:
             try:
                 rows.append(json.loads(line))
             except json.JSONDecodeError as error:
-                raise FileError(f"{path}, line {number}, is not JSON ({error}); delete the run and repeat it") from error
+                raise FileError(
+                    f"{path}, line {number}, is not JSON ({error}); delete the run and repeat it"
+                ) from error
         return rows
 
     def save_checkpoint(self, state: Mapping[str, torch.Tensor], iteration: int) -> None:
         """Replace the checkpoint by this state; the metrics up to here reach the disk first."""
         self._append("", to_disk=True)
-        save_tensors(self.path / "checkpoint.safetensors", state, {"kind": "checkpoint", "iteration": iteration})
+        save_tensors(
+            self.path / "checkpoint.safetensors", state, {"kind": "checkpoint", "iteration": iteration}
+        )
 
     def load_checkpoint(self) -> dict[str, torch.Tensor] | None:
         """The last checkpoint, or None; cuts the metrics to its iteration.
@@ -185,7 +198,9 @@ class RunFolder:
             self._lock = os.open(self.path / ".lock", os.O_RDWR | os.O_CREAT, 0o644)
             fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
-            raise FileError(f"{self.path} is in use by another process; wait for it or choose another folder.") from error
+            raise FileError(
+                f"{self.path} is in use by another process; wait for it or choose another folder."
+            ) from error
         except PermissionError as error:
             raise FileError(f"{self.path} cannot be written ({error}); choose another folder.") from error
         except OSError:
@@ -201,7 +216,9 @@ class RunFolder:
 
     def _take_up(self, *, resume: bool) -> None:
         if not resume:
-            raise FileError(f"{self.path} holds a run already; take it up with --resume, or choose another folder.")
+            raise FileError(
+                f"{self.path} holds a run already; take it up with --resume, or choose another folder."
+            )
         there, here = flatten(_read_identity(self.path)), flatten(self._identity())
         changes = [
             f"{name} ({there.get(name, 'nothing')!r} there, {here.get(name, 'nothing')!r} now)"
@@ -220,7 +237,9 @@ class RunFolder:
 def _read_identity(path: Path) -> dict[str, Any]:
     identity = read_json(path / "config.json")
     if not isinstance(identity, dict) or identity.get("format") != FORMAT:
-        raise FileError(f"{path / 'config.json'} does not describe a run of this version (format {FORMAT!r}).")
+        raise FileError(
+            f"{path / 'config.json'} does not describe a run of this version (format {FORMAT!r})."
+        )
     if not isinstance(identity.get("kind"), str) or not isinstance(identity.get("configuration"), dict):
         raise FileError(f"{path / 'config.json'} lacks the kind of the run or its configuration.")
     return identity

@@ -9,7 +9,16 @@ from vic_toolbox.experiments.configuration import flatten
 from vic_toolbox.experiments.evaluation import Evaluation, Policy, judge
 from vic_toolbox.experiments.figures import learning, style
 from vic_toolbox.experiments.figures.reward import reward_landscape
-from vic_toolbox.experiments.report_parts import TASKS, draw, motion_figures, place, results_table, short, tiles, verdict
+from vic_toolbox.experiments.report_parts import (
+    TASKS,
+    draw,
+    motion_figures,
+    place,
+    results_table,
+    short,
+    tiles,
+    verdict,
+)
 from vic_toolbox.experiments.results import write_evaluation
 from vic_toolbox.experiments.reward_slices import reward_slices
 from vic_toolbox.experiments.skill import Skill
@@ -66,7 +75,9 @@ def _figures(skill: Skill, task: Task, policies: Mapping[str, Policy], own: Eval
     parts += motion_figures({short(own.scenario): traces}, folder)
     if skill.reward is not None:
         slices = reward_slices(task, skill.reward, skill.policy, traces["expert"], name=skill.look)
-        parts.append(draw(reward_landscape(slices), folder / "reward.svg", "What the reward values", "reward"))
+        parts.append(
+            draw(reward_landscape(slices), folder / "reward.svg", "What the reward values", "reward")
+        )
     return parts
 
 

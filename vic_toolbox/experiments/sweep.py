@@ -160,13 +160,21 @@ def sweep_starts(
         progress.update(i + 1)
     starts = everywhere[reachable]
     if not len(starts):
-        raise InputError("none of the grid's starts can be reached; bring them nearer or change the elevation.")
+        raise InputError(
+            "none of the grid's starts can be reached; bring them nearer or change the elevation."
+        )
     scenarios = [tuple(start) for start in starts for _ in range(episodes)]
     noise = 0.0 if episodes == 1 else 0.02
     contestants = {"expert": Policy.expert(task)} | dict(policies)
     progress.stage("sweep", len(contestants))
     run = partial(
-        run_episodes, task, episodes=len(scenarios), scenarios=scenarios, start_noise=noise, seed=seed, threads=threads
+        run_episodes,
+        task,
+        episodes=len(scenarios),
+        scenarios=scenarios,
+        start_noise=noise,
+        seed=seed,
+        threads=threads,
     )
     score, success = {}, {}
     for i, (name, policy) in enumerate(contestants.items()):

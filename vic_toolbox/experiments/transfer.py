@@ -72,7 +72,9 @@ def transfer(
         environment = tasks.VectorEnvironment(task, run.transfer.search.environments, threads=threads)
         learner = Transfer(environment, frozen, skill.policy, configuration=run.transfer, seed=seed)
         progress.stage(
-            f"transfer to {run.scenario}", run.transfer.iterations, expert_score=mean_score(task, task.expert_action)
+            f"transfer to {run.scenario}",
+            run.transfer.iterations,
+            expert_score=mean_score(task, task.expert_action),
         )
         run_to_end(
             learner,

@@ -28,7 +28,7 @@ class Critic:
     def __init__(self, observation_size: int, *, hidden: int = 32, seed: int):
         generator = torch.Generator().manual_seed(seed)
         self.network = Mlp((observation_size, hidden, hidden, 1), "tanh", generator=generator)
-        self.optimiser = torch.optim.Adam([self.network.theta], lr=1e-3, fused=True)
+        self.optimiser = torch.optim.Adam([self.network.theta], fused=True)
 
     @property
     def theta(self) -> torch.Tensor:
@@ -52,14 +52,14 @@ class Critic:
         error = 0.0
         for _ in range(configuration.epochs):
             order = torch.from_numpy(rng.permutation(len(inputs)))
-            batches = order.split(configuration.batch)
+            batches = [rows.index_select(0, order).split(configuration.batch) for rows in (inputs, returns)]
             error = 0.0
-            for rows in batches:
-                output, activations = self.network.forward(inputs[rows])
-                difference = output[:, 0] - returns[rows]
-                cotangent = (difference * (2.0 / len(rows)))[:, None]
+            for x, target in zip(*batches, strict=True):
+                output, activations = self.network.forward(x)
+                difference = output[:, 0] - target
+                cotangent = (difference * (2.0 / len(x)))[:, None]
                 self.network.theta.grad = self.network.gradient(activations, cotangent)
                 self.optimiser.step()
-                error += float(difference.square().mean()) / len(batches)
+                error += float(difference.square().sum()) / len(inputs)
         self.network.theta.grad = None
         return error

@@ -18,6 +18,7 @@ import torch
 from vic_toolbox.errors import InputError
 
 LOG_TWO_PI = math.log(2.0 * math.pi)
+ONE = torch.ones(())
 
 Layers = list[tuple[torch.Tensor, torch.Tensor]]
 
@@ -28,6 +29,13 @@ class Activations:
 
     inputs: list[torch.Tensor]
     slopes: list[torch.Tensor]
+
+
+def tanh_(x: torch.Tensor) -> torch.Tensor:
+    """`tanh` in place. NumPy's vector tanh takes a tenth of the time of torch's on one thread."""
+    array = x.numpy()
+    np.tanh(array, out=array)
+    return x
 
 
 class Mlp:
@@ -76,7 +84,7 @@ class Mlp:
         *hidden, (weight, bias) = self.layers if layers is None else layers
         for hidden_weight, hidden_bias in hidden:
             x = torch.addmm(hidden_bias, x, hidden_weight.T)
-            x = x.tanh_() if self.activation == "tanh" else x.relu_()
+            x = tanh_(x) if self.activation == "tanh" else x.relu_()
         return torch.addmm(bias, x, weight.T)
 
     def forward(self, x: torch.Tensor) -> tuple[torch.Tensor, Activations]:
@@ -86,11 +94,11 @@ class Mlp:
         for hidden_weight, hidden_bias in hidden:
             x = torch.addmm(hidden_bias, x, hidden_weight.T)
             if self.activation == "tanh":
-                x = x.tanh_()
-                slopes.append(1.0 - x * x)
+                x = tanh_(x)
+                slopes.append(torch.addcmul(ONE, x, x, value=-1.0))
             else:
-                slopes.append((x > 0).to(x.dtype))
                 x = x.relu_()
+                slopes.append(x.sign())
             inputs.append(x)
         return torch.addmm(bias, x, weight.T), Activations(inputs, slopes)
 

@@ -30,7 +30,7 @@ class PolicySearchConfiguration:
     """Units of each of the policy's and the critic's two hidden layers."""
     log_std: float = -0.5
     """Initial logarithm of the policy's standard deviation (normalised action)."""
-    discount: float = 0.99
+    discount: float = 0.95
     """Discount factor γ."""
     trace: float = 0.97
     """Decay λ of the generalised advantages."""

@@ -43,7 +43,7 @@ class RewardNetwork:
         generator = torch.Generator().manual_seed(seed)
         self.observation_size = observation_size
         self.network = Mlp((observation_size + action_size, hidden, hidden, 1), "relu", generator=generator)
-        self.optimiser = torch.optim.Adam([self.network.theta], lr=1e-3, fused=True)
+        self.optimiser = torch.optim.Adam([self.network.theta], fused=True)
 
     @property
     def theta(self) -> torch.Tensor:
@@ -62,8 +62,9 @@ def stratified_rows(strata: np.ndarray, shape: tuple[int, ...], rng: np.random.G
 
     `strata` (n,) holds non-negative integers.
     """
-    _, stratum, counts = np.unique(strata, return_inverse=True, return_counts=True)
-    order = np.argsort(stratum, kind="stable")
+    order = np.argsort(strata.astype(np.int16), kind="stable")  # 16 bits: a radix sort
+    counts = np.bincount(strata)
+    counts = counts[counts > 0]
     first = np.cumsum(counts) - counts
     drawn = rng.integers(len(counts), size=shape)
     within = (rng.random(shape) * counts[drawn]).astype(np.int64)
@@ -97,6 +98,13 @@ def slope_penalty(network: Mlp, samples: torch.Tensor, *, bound: float) -> tuple
     return excess.square().mean(), gradient
 
 
+def _drawn(pool: Samples, rows: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+    """Samples (*rows.shape, n_o + n_a) and log π (*rows.shape) of the drawn rows."""
+    samples, log_probability, _ = pool
+    flat = rows.reshape(-1)
+    return samples.index_select(0, flat).view(*rows.shape, -1), log_probability.index_select(0, flat).view(rows.shape)
+
+
 @torch.no_grad()
 def train_discriminator(
     reward: RewardNetwork,
@@ -118,16 +126,20 @@ def train_discriminator(
     shape = (configuration.steps, batch)
     expert_rows, policy_rows = (stratified_rows(strata, shape, rng) for strata in (expert[2], policy[2]))
     mixture = torch.from_numpy(rng.random((*shape, 1), dtype=np.float32))
+    # All minibatches at once, (steps, batch, ...): one gather instead of one a step.
+    expert_samples, expert_log = _drawn(expert, expert_rows)
+    policy_samples, policy_log = _drawn(policy, policy_rows)
+    between = torch.lerp(policy_samples, expert_samples, mixture)
+    samples = torch.cat([expert_samples, policy_samples], dim=1)
+    log_probability = torch.cat([expert_log, policy_log], dim=1)
     totals = torch.zeros(3)
-    for i, j, mix in zip(expert_rows, policy_rows, mixture, strict=True):
-        expert_samples, policy_samples = expert[0][i], policy[0][j]
-        output, activations = network.forward(torch.cat([expert_samples, policy_samples]))
-        logit = output[:, 0] - torch.cat([expert[1][i], policy[1][j]])
+    for z, log_policy, middle in zip(samples, log_probability, between, strict=True):
+        output, activations = network.forward(z)
+        logit = output[:, 0] - log_policy
         gradient = network.gradient(activations, ((logit.sigmoid() - label) / len(label))[:, None])
         penalty = torch.zeros(())
         if configuration.penalty:
-            between = torch.lerp(policy_samples, expert_samples, mix)
-            penalty, penalty_gradient = slope_penalty(network, between, bound=slope_bound)
+            penalty, penalty_gradient = slope_penalty(network, middle, bound=slope_bound)
             gradient.add_(penalty_gradient, alpha=configuration.penalty)
         network.theta.grad = gradient
         optimiser.step()

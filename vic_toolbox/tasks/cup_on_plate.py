@@ -6,7 +6,7 @@ numbers, or the last few of them. There are two action spaces, both normalised:
 - ``gain`` (7), in [-1, 1]: three stiffnesses of 60-200 N/m, three of 1-6 Nm/rad, and the damping factor d of
   9-12,
   :math:`B = d\sqrt{K}` along the axes;
-- ``force`` (6), in [-8, 8]: the feedback wrench itself, in units of 25 N and 0.5 Nm.
+- ``force`` (6), in [-40, 40]: the feedback wrench itself, in units of 5 N and 0.1 Nm.
 
 In both the law adds the same rotational damping of :math:`12\sqrt3` Nms/rad at its own rate. A wrench that is
 held for 10 ms cannot damp the small inertia of the tool (0.05-0.10 kg m²): without this, force policies would
@@ -78,9 +78,9 @@ GAINS = DampingFactor(
 )
 """Range of the gain action."""
 
-WRENCH_UNIT = np.repeat([25.0, 0.5], 3)
+WRENCH_UNIT = np.repeat([5.0, 0.1], 3)
 """Wrench that a force action of 1 stands for [N, Nm]."""
-LARGEST_FORCE_ACTION = 8.0
+LARGEST_FORCE_ACTION = 40.0
 
 OBSERVATION_SCALE = np.repeat([0.2, 0.05, 0.3, 0.3], 3)
 """Typical size of e and ė [m, rad, m/s, rad/s]."""
@@ -212,11 +212,24 @@ class CupOnPlate:
         return (distance < CLOSE) & (tilt < UPRIGHT) & (speed < RESTING) & (np.asarray(peak_force) < SOFT)
 
     def outcome(self, simulation: ArmSimulation, observations: Array) -> dict[str, Array]:
-        """How an episode ended: ``success``, ``distance`` to the goal [m], ``peak_force`` [N], (n,) each."""
+        """End of an episode, (n,) each: ``success``, ``stopped``, ``distance`` [m] and ``peak_force`` [N]."""
         peak = simulation.peak_force
         distance = np.linalg.norm(observations[..., -12:-9], axis=-1)
         success = self.success(observations, peak) & ~simulation.stopped
-        return {"success": success, "distance": distance, "peak_force": peak, "stopped": simulation.stopped.copy()}
+        return {
+            "success": success,
+            "distance": distance,
+            "peak_force": peak,
+            "stopped": simulation.stopped.copy(),
+        }
+
+    def strata(self, observations: ArrayLike) -> Array:
+        """Distance to the goal in steps of 0.1 m, (...) integers from 0 to 8.
+
+        Learning looks at every step of the way alike, however long the arm dwells there.
+        """
+        distance = np.linalg.norm(_newest(observations)[..., :3], axis=-1)
+        return np.minimum(10.0 * distance, 8.0).astype(np.int64)
 
     def expert_action(self, observations: ArrayLike) -> Array:
         """Action of the three-phase expert, (..., action_size), for observations (..., 12 h)."""

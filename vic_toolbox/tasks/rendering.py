@@ -236,7 +236,9 @@ class Window:
                 "there is no display for a window; use render_mode='rgb_array' or write a film instead."
             )
         try:
-            viewer = importlib.import_module("mujoco.viewer")
+            viewer, glfw = importlib.import_module("mujoco.viewer"), importlib.import_module("glfw")
+            if not glfw.init():  # the viewer would wait for its window for ever
+                raise RuntimeError("GLFW does not start")
             self.model = spec.compile()
             self.data = mujoco.MjData(self.model)
             self._handle = viewer.launch_passive(

@@ -43,8 +43,8 @@ class ArmSimulation:
     wrench : ndarray, shape (count, 6)
         Wrench added to −K e − B ė; live.
     stopped : ndarray of bool, shape (count,)
-        Simulations in protective stop since the last reset: a joint ran away (above 30 rad/s, or not finite), so the
-        arm was halted where it last was in order, as a real controller would, and stays there.
+        Simulations in protective stop since the last reset: a joint ran away (above 30 rad/s, or not finite),
+        so the arm was halted where it last was in order, as a real controller would, and stays there.
     """
 
     def __init__(self, model: mujoco.MjModel, count: int, *, threads: int = 1, push_body: str) -> None:

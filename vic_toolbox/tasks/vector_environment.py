@@ -109,7 +109,8 @@ class VectorEnvironment(VectorEnv):
         InputError
             Wrong shape, an action that is not finite, or no reset before the first step.
         SimulationError
-            A simulation diverged.
+            MuJoCo itself failed. (A simulation whose joints run away is halted where it last was in order,
+            and stays there; at the end ``info["stopped"]`` names it, and it has not succeeded.)
         """
         if self._observation is None:
             raise InputError("step was called before reset; call reset first.")

@@ -34,7 +34,9 @@ def learning_curves(metrics: Metrics, *, expert_score: float, name: str) -> Figu
     Figure, or None when there is nothing to draw (a method without iterations).
     """
     panels = [panel for panel in _PANELS if len(_series(metrics, panel[0])[0]) > 1]
-    if "action_error" in {key for key, *_ in panels}:  # both say how the policy improves; the first says it better
+    if "action_error" in {
+        key for key, *_ in panels
+    }:  # both say how the policy improves; the first says it better
         panels = [panel for panel in panels if panel[0] != "objective"]
     if not panels:
         return None

@@ -125,7 +125,9 @@ def draw_paths(axes: Axes3D, scenes: Mapping[str, Traces], *, plate_radius: floa
         start = next(iter(traces.values())).path[0]
         axes.plot(start[[0, 0]], start[[1, 1]], [0.0, start[2]], color=style.QUIET, lw=0.6, ls=":")
         axes.scatter(*start, color=style.INK, s=16, depthshade=False, zorder=6)
-        axes.text(*(start - [0, 0.03, 0.01]), scenario, fontsize=8.5, color=style.INK, ha="right", weight="bold")
+        axes.text(
+            *(start - [0, 0.03, 0.01]), scenario, fontsize=8.5, color=style.INK, ha="right", weight="bold"
+        )
     _disc(axes, goal[:2], plate_radius, "#dfe6ee", "")
     _disc(axes, np.zeros(2), 0.095, "#f5dd90", "robot")
     rims = [[-0.1, -0.1, 0.0], *(goal + plate_radius * np.array([[-1, -1, 0], [1, 1, 0]]))]
@@ -146,7 +148,9 @@ def draw_paths(axes: Axes3D, scenes: Mapping[str, Traces], *, plate_radius: floa
 
 def _disc(axes: Axes3D, centre: np.ndarray, radius: float, colour: str, label: str) -> None:
     angle = np.linspace(0.0, 2.0 * np.pi, 60)
-    rim = np.stack([centre[0] + radius * np.cos(angle), centre[1] + radius * np.sin(angle), 0.0 * angle], axis=1)
+    rim = np.stack(
+        [centre[0] + radius * np.cos(angle), centre[1] + radius * np.sin(angle), 0.0 * angle], axis=1
+    )
     axes.add_collection3d(Poly3DCollection([rim], facecolor=colour, edgecolor=style.QUIET, lw=0.6, alpha=0.8))
     axes.text(*centre, 0.0, label, fontsize=7.5, color=style.QUIET, ha="center", va="center")
 

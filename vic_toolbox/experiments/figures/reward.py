@@ -11,8 +11,9 @@ from matplotlib.figure import Figure
 
 from vic_toolbox.experiments.figures import style
 
-
-_PALE_IS_BEST = LinearSegmentedColormap.from_list("reward", ["#5a3a1e", "#a8672a", "#e3ae62", "#f7e3b5", "#fffdf4"])
+_PALE_IS_BEST = LinearSegmentedColormap.from_list(
+    "reward", ["#5a3a1e", "#a8672a", "#e3ae62", "#f7e3b5", "#fffdf4"]
+)
 
 
 @dataclass(frozen=True)
@@ -47,12 +48,16 @@ def reward_landscape(slices: list[RewardSlice]) -> Figure:
                 rasterized=True,
             )  # fmt: skip
             for name, chosen in part.chosen.items():
-                over = {"color": style.INK, "lw": 1.6, "dashes": (3, 2), "zorder": 6} if name == "expert" else {}
+                over = (
+                    {"color": style.INK, "lw": 1.6, "dashes": (3, 2), "zorder": 6} if name == "expert" else {}
+                )
                 style.line(axes, part.distance, chosen, name, **over)
             axes.set(title=part.name, xlabel="distance to the goal  [m]")
             axes.margins(y=0.02)
             axes.set_xlim(part.distance.max(), part.distance.min())
             axes.grid(visible=False)
-            drawing.colorbar(image, ax=axes, label="reward below the best", pad=0.02).outline.set_visible(False)
+            drawing.colorbar(image, ax=axes, label="reward below the best", pad=0.02).outline.set_visible(
+                False
+            )
         style.shared_legend(drawing, grid[0])
     return drawing

@@ -93,7 +93,12 @@ def figure(width: float, height: float) -> Iterator[Figure]:
 def line(axes: Axes, x, y, name: str, *, zs=None, **extra) -> None:
     """Draw one method's curve in its own look; `zs` in 3-D axes."""
     chosen = look(name)
-    drawn_as = {"color": chosen.colour, "lw": chosen.width, "zorder": chosen.order, "label": chosen.label} | extra
+    drawn_as = {
+        "color": chosen.colour,
+        "lw": chosen.width,
+        "zorder": chosen.order,
+        "label": chosen.label,
+    } | extra
     if chosen.dashes:
         drawn_as["dashes"] = chosen.dashes
     axes.plot(x, y, *([] if zs is None else [zs]), solid_capstyle="butt", **drawn_as)
@@ -103,7 +108,9 @@ def shared_legend(drawing: Figure, axes: Axes) -> Legend:
     """One legend for all panels, in a row above them; a method drawn twice is named once."""
     named = dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
     handles, labels = list(named.values()), list(named)
-    return drawing.legend(handles, labels, loc="outside upper center", ncols=max(len(labels), 1), handlelength=2.6)
+    return drawing.legend(
+        handles, labels, loc="outside upper center", ncols=max(len(labels), 1), handlelength=2.6
+    )
 
 
 def save(drawing: Figure, path: Path) -> Path:

@@ -37,7 +37,9 @@ def sweep_maps(
         for i, name in enumerate(names):
             axes = drawing.add_subplot(grid[0, 2 * i : 2 * i + 2], sharex=maps[0] if maps else None)
             points = _map(axes, starts, goal, relative_difference[name], success[name])
-            axes.scatter(*unreachable[:, :2].T, s=5, color="#c3c9d0", lw=0, zorder=2, label="no start possible")
+            axes.scatter(
+                *unreachable[:, :2].T, s=5, color="#c3c9d0", lw=0, zorder=2, label="no start possible"
+            )
             axes.set_title(style.look(name).label)
             axes.tick_params(labelleft=i == 0)
             maps.append(axes)
@@ -62,7 +64,9 @@ def sweep_maps(
 
 def _map(axes: Axes, starts, goal, difference, success):  # type: ignore[no-untyped-def]
     shown = np.clip(difference, 0.0, WORST)
-    points = axes.scatter(*starts[:, :2].T, c=shown, cmap="cividis_r", vmin=0.0, vmax=WORST, s=46, lw=0, zorder=3)
+    points = axes.scatter(
+        *starts[:, :2].T, c=shown, cmap="cividis_r", vmin=0.0, vmax=WORST, s=46, lw=0, zorder=3
+    )
     failed = success < 0.5
     axes.scatter(*starts[failed, :2].T, label="cup does not stand", **_FAILED)
     axes.scatter(*goal[:2], label="plate", **_PLATE)
