@@ -13,7 +13,7 @@ from vic_toolbox.experiments.figures import learning, style
 from vic_toolbox.experiments.figures.reward import reward_landscape
 from vic_toolbox.experiments.film import film
 from vic_toolbox.experiments.progress import Progress
-from vic_toolbox.experiments.report_parts import difference, draw, motion_figures, results_table, short
+from vic_toolbox.experiments.report_parts import draw, motion_figures, results_table, short, table_caption
 from vic_toolbox.experiments.reward_slices import reward_slices
 from vic_toolbox.experiments.run_folder import RunFolder
 from vic_toolbox.experiments.skill import Skill, load_skill
@@ -154,7 +154,7 @@ def _report(folder: RunFolder, configuration: DemoConfiguration, threads: int) -
         subtitle=f"Cup-on-Plate on the FANUC LR Mate 200iD/7L, gain actions, seed {configuration.seed}",
         summary=_summary(seen.rows["airl"], unseen.rows["before"], own),
         tiles=[
-            (f"{seen.rows['airl'].relative_difference:.3f}", "relative difference, training start"),
+            (f"{seen.rows['airl'].relative_difference:.3f}", "relative difference in training"),
             (f"{unseen.rows['before'].relative_difference:.3f}", f"on {UNSEEN} before transfer"),
             (f"{own.relative_difference:.3f}", f"on {UNSEEN} after transfer"),
             (f"{100 * own.success_rate:.0f} %", f"success on {UNSEEN}"),
@@ -170,18 +170,22 @@ def _table(scene: _Scene, title: str, marked: str) -> report.Table:
         title,
         rows,
         marked=style.look(marked).label,
-        caption=f"Mean ± standard deviation over {episodes} episodes; all from the same, slightly varied postures. "
-        "The relative difference is |score − expert's score| / |expert's score|.",
+        caption=table_caption(episodes),
     )
 
 
 def _summary(seen: Evaluation, before: Evaluation, after: Evaluation) -> str:
     return (
-        "An expert put a cup on a plate 50 times, pushed a little while he did it. From that alone AIRL learned when to be "
-        f"stiff and when to be soft: its score on the training start is {difference(seen)} than the expert's. The reward "
-        f"that it learned was then frozen and the policy optimised under it on the start {UNSEEN}, which no demonstration "
-        f"showed: {difference(before)} before, {difference(after)} after."
+        "An expert put a cup on a plate 50 times, pushed a little while he did it. From that alone AIRL "
+        "learned when to be stiff and when to be soft: from the training start it scores "
+        f"{_in_percent(seen)} the expert. The reward that it learned was then frozen, and the policy "
+        f"optimised under it from the start {UNSEEN}, which no demonstration showed: {_in_percent(before)} "
+        f"the expert before, {_in_percent(after)} him after."
     )
+
+
+def _in_percent(row: Evaluation) -> str:
+    return f"{100 * row.relative_difference:.1f} % {'below' if row.signed_difference > 0 else 'above'}"
 
 
 def _notes(airl: Skill, configuration: DemoConfiguration) -> list[str]:
@@ -189,12 +193,13 @@ def _notes(airl: Skill, configuration: DemoConfiguration) -> list[str]:
     metrics = airl.folder.metrics()
     if configuration.quick:
         notes.append(
-            "This was a quick run with a tenth of the learning: it shows how the method works, not how well."
+            "This was a quick run with a tenth of the learning: it shows how it works, not how well."
         )
     elif metrics and metrics[-1]["iteration"] < airl.run.recipe.airl.iterations:
         notes.append(
-            f"Learning stopped after {metrics[-1]['iteration']} of {airl.run.recipe.airl.iterations} iterations, when the "
-            f"demonstration's {configuration.minutes:g} minutes were used up; `vic train` has no such limit."
+            f"Learning stopped after {metrics[-1]['iteration']} of {airl.run.recipe.airl.iterations} "
+            f"iterations, its share of the demonstration's {configuration.minutes:g} minutes; vic train has "
+            "no such limit."
         )
     return notes
 

@@ -54,7 +54,9 @@ class Policy:
 
 @dataclass(frozen=True)
 class Episodes:
-    """Outcome of n episodes: task score, success, distance to the goal at the end [m], peak contact force [N]; (n,)."""
+    """Outcome of n episodes: task score, success, distance to the goal at the end [m], peak contact force
+    [N]; (n,).
+    """
 
     score: np.ndarray
     success: np.ndarray
@@ -127,7 +129,8 @@ def run_episodes(
 
     Raises
     ------
-    InputError : a number out of range, or a start that cannot be used. SimulationError : a simulation diverged.
+    InputError : a number out of range, or a start that cannot be used. SimulationError : a simulation
+    diverged.
     """
     episodes = integer("episodes", episodes, low=1)
     integer("seed", seed, low=0)

@@ -22,8 +22,8 @@ WIDTH, HEIGHT, STRIP = 480, 420, 64  # of one panel, and of the strip below it [
 
 RENDERED = "Simulated arm at its real speed; the bar is the mean translational stiffness, from 60 to 200 N/m."
 DRAWN = (
-    "Drawn, not rendered: this machine has no OpenGL library ({reason}) The lines are the simulated arm's links at their "
-    "real speed; the bar is the mean translational stiffness, from 60 to 200 N/m."
+    "Drawn, not rendered: this machine has no OpenGL library ({reason}) The lines are the simulated arm's "
+    "links at their real speed; the bar is the mean translational stiffness, from 60 to 200 N/m."
 )
 
 
@@ -63,7 +63,7 @@ def _frames(
 
 
 def _arrival(traces: Mapping[str, Trace]) -> int:
-    """Row half a second after the last one has come to within 20 mm of the goal; the rest is standing still."""
+    """Row half a second after the last one has come to within 20 mm of the goal; then all stand still."""
     length = len(next(iter(traces.values())).time)
     late = [
         np.flatnonzero(trace.distance > 0.02).max(initial=0) + round(0.5 / trace.time[1])

@@ -22,7 +22,9 @@ def robot_rows(seed: int = 0) -> list[tuple[str, ...]]:
 
 
 def reach(robot: RobotModel, *, seed: int = 0) -> float:
-    """Largest horizontal distance of the end-effector from the base over random postures [m]; a little too small."""
+    """Largest horizontal distance of the end-effector from the base over random postures [m]; a little too
+    small.
+    """
     rng = np.random.default_rng(seed)
     low, high = np.maximum(robot.lower, -np.pi), np.minimum(robot.upper, np.pi)
     poses = robot.pose(rng.uniform(low, high, (POSTURES, robot.nq)))

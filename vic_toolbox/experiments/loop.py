@@ -1,4 +1,6 @@
-"""The loop of every learner: iterate, write down, checkpoint; survive a kill at any moment and stop cleanly on Ctrl-C."""
+"""The loop of every learner: iterate, write down, checkpoint; survive a kill at any moment and stop cleanly
+on Ctrl-C.
+"""
 
 from __future__ import annotations
 
@@ -26,13 +28,21 @@ class Learner(Protocol):
     configuration: Any
 
     @property
-    def finished(self) -> bool: ...
+    def finished(self) -> bool:
+        """Whether there is nothing left to do."""
+        ...
 
-    def iterate(self) -> dict[str, float]: ...
+    def iterate(self) -> dict[str, float]:
+        """One iteration; returns its metrics."""
+        ...
 
-    def state(self) -> dict[str, torch.Tensor]: ...
+    def state(self) -> dict[str, torch.Tensor]:
+        """All that the rest of the run depends on."""
+        ...
 
-    def load_state(self, state: dict[str, torch.Tensor]) -> None: ...
+    def load_state(self, state: dict[str, torch.Tensor]) -> None:
+        """Go back to a saved state."""
+        ...
 
 
 class DivergenceError(VicError):
@@ -134,7 +144,8 @@ def deferred_interrupt() -> Iterator[Callable[[], bool]]:
 
 @contextlib.contextmanager
 def one_thread() -> Iterator[None]:
-    """One thread for the matrix products of learning: they are too small to share, and waiting costs a hundredfold.
+    """One thread for the matrix products of learning: they are too small to share, and waiting costs a
+    hundredfold.
 
     The simulation keeps its own threads.
     """

@@ -18,7 +18,8 @@ def film_skill(skill: Skill, scenario: str | None, path: Path) -> str:
 
     Raises
     ------
-    InputError : the name does not end in ``.mp4``, or the scenario cannot be used. FileError : it cannot be written.
+    InputError : the name does not end in ``.mp4``, or the scenario cannot be used. FileError : it cannot be
+    written.
     """
     if path.suffix != ".mp4":
         raise InputError(f"the film's name is {str(path)!r}; it must end in .mp4.")

@@ -40,7 +40,8 @@ class Progress:
 
 
 class ConsoleProgress(Progress):
-    """A bar for each stage with score, the expert's score and time left; without a terminal a line every few seconds.
+    """A bar for each stage with score, the expert's score and time left; without a terminal a line every few
+    seconds.
 
     Parameters
     ----------
@@ -60,6 +61,7 @@ class ConsoleProgress(Progress):
         self._done_at_first: int | None = None
 
     def stage(self, title: str, total: int | None = None, *, expert_score: float | None = None) -> None:
+        """Begin a stage; show its bar or its line."""
         self._finish()
         self._title, self._total, self._done, self._done_at_first = title, total or 0, 0, None
         self._expert = "" if expert_score is None else f"expert {expert_score:.0f}"
@@ -70,6 +72,7 @@ class ConsoleProgress(Progress):
             self.console.print(f"{title} ...", highlight=False)
 
     def update(self, done: int, *, total: int | None = None, score: float | None = None) -> None:
+        """Move the bar, or print a line once in a while."""
         self._done, self._total = done, total or self._total
         if self._done_at_first is None:
             self._done_at_first = done
@@ -84,9 +87,11 @@ class ConsoleProgress(Progress):
             self.console.print(", ".join(part for part in parts if part), highlight=False)
 
     def say(self, text: str) -> None:
+        """Print above the bars."""
         self.console.print(text, highlight=False)
 
     def close(self) -> None:
+        """End the last stage and the bars."""
         self._finish()
         if self._bars:
             self._bars.stop()

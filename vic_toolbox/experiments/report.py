@@ -43,7 +43,10 @@ class Film:
 
     def html(self) -> str:
         """The element."""
-        film = f'<video controls loop muted autoplay playsinline src="{_embedded(self.path, "video/mp4")}"></video>'
+        source = _embedded(self.path, "video/mp4")
+        toggle = "this.paused ? this.play() : this.pause()"
+        attributes = f'loop muted autoplay playsinline title="click to pause" onclick="{toggle}"'
+        film = f'<video {attributes} src="{source}"></video>'
         return _section(self.title, f"<figure>{film}<figcaption>{escape(self.caption)}</figcaption></figure>")
 
 
@@ -60,9 +63,9 @@ class Table:
     def html(self) -> str:
         """The element."""
         head = "".join(f"<th>{escape(cell)}</th>" for cell in self.head)
+        rows = ("".join(f"<td>{escape(cell)}</td>" for cell in row) for row in self.rows)
         body = "".join(
-            f"<tr{' class=marked' if i in self.marked else ''}>{''.join(f'<td>{escape(c)}</td>' for c in row)}</tr>"
-            for i, row in enumerate(self.rows)
+            f"<tr{' class=marked' if i in self.marked else ''}>{row}</tr>" for i, row in enumerate(rows)
         )
         table = f"<div class=scroll><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>"
         return _section(
@@ -130,7 +133,8 @@ def write_report(
 
     Parameters
     ----------
-    path : of the HTML file. title, subtitle, summary : its head; the summary is the result in one or two sentences.
+    path : of the HTML file. title, subtitle, summary : its head; the summary is the result in one or two
+    sentences.
     tiles : the few numbers that matter, (number, what it is). parts : the rest, in order.
 
     Raises

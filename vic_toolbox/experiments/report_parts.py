@@ -17,28 +17,29 @@ TASKS = {"cup-on-plate": "Cup-on-Plate"}
 
 CAPTIONS = {
     "Learning": (
-        "The policy is judged by its mean action (thick line); the thin line is its score while it explores. The error "
-        "on held-out expert states, never a score, decides which iteration is kept. The discriminator falls towards "
-        "chance as the policy becomes hard to tell from the expert."
+        "The policy is judged by its mean action (thick line); the thin line is its score while it "
+        "explores. The error on held-out expert states, never a score, decides which iteration is kept. The "
+        "discriminator falls towards chance as the policy becomes hard to tell from the expert."
     ),
     "Cloning": "Error of the mean action on held-out expert states; the weights at its smallest value are kept.",
     "Transfer": (
-        "The reward is frozen; only the policy moves. The thin line is its score while it explores, the thick one the "
-        "score of its mean action, which the optimisation never sees."
+        "The reward is frozen; only the policy moves. The thin line is its score while it explores, the "
+        "thick one the score of its mean action, which the optimisation never sees."
     ),
     "gains": (
-        "Stiffness and damping over one episode. The broad pale band is the expert: stiff and lightly damped while far "
-        "from the goal, soft and well damped near it. Dotted lines mark the distances at which he changes over."
+        "Stiffness and damping over one episode. The broad pale band is the expert: stiff and lightly "
+        "damped while far from the goal, soft and well damped near it. Dotted lines mark the distances at "
+        "which he changes over."
     ),
     "paths": (
-        "Left: the path of the cup's bottom from its start to the plate. Right: how far each policy is from where the "
-        "expert is at the same moment."
+        "Left: the path of the cup's bottom from its start to the plate. Right: how far each policy is from "
+        "where the expert is at the same moment."
     ),
     "forces": "Force that drives the arm, speed of the cup, and the force on the cup when it touches the plate.",
     "reward": (
-        "The learned reward at states along the expert's path, when one quantity of the action is varied and the rest is "
-        "the expert's. Pale is what the reward prefers; where the pale ridge follows the dashed line, it has learned "
-        "what the expert does."
+        "The learned reward at states along the expert's path, when one quantity of the action is varied "
+        "and the rest is the expert's. Pale is what the reward prefers; where the pale ridge follows the "
+        "dashed line, it has learned what the expert does."
     ),
 }
 
@@ -79,6 +80,14 @@ def results_table(
     )
 
 
+def table_caption(episodes: int) -> str:
+    """What the numbers of a results table are."""
+    return (
+        f"Mean ± standard deviation over {episodes} episodes; every policy and the expert start from the same, "
+        "slightly varied postures. The relative difference is |score − expert's score| / |expert's score|."
+    )
+
+
 def _cells(label: str, row: Evaluation) -> tuple[str, ...]:
     return (
         label,
@@ -102,8 +111,9 @@ def verdict(row: Evaluation) -> str:
     """The result in a sentence."""
     side = "below" if row.signed_difference > 0 else "above"
     return (
-        f"The policy scores {row.score_mean:.1f} from {place(row.scenario)}, {100 * row.relative_difference:.1f} % {side} the "
-        f"expert's {row.expert_score:.1f}; the cup stands in {100 * row.success_rate:.0f} % of {row.episodes} episodes."
+        f"The policy scores {row.score_mean:.1f} from {place(row.scenario)}, "
+        f"{100 * row.relative_difference:.1f} % {side} the expert's {row.expert_score:.1f}; the cup stands "
+        f"in {100 * row.success_rate:.0f} % of {row.episodes} episodes."
     ).replace(" -", " −")
 
 

@@ -17,14 +17,16 @@ _STATES, _VALUES = 90, 61
 def reward_slices(
     task: Task, reward: RewardNetwork, policy: GaussianPolicy, expert: Trace, *, name: str
 ) -> list[RewardSlice]:
-    """The reward over one quantity of the action at a time, at states of the expert's path; the rest is the expert's.
+    """The reward over one quantity of the action at a time, at states of the expert's path; the rest is the
+    expert's.
 
-    Gain actions: the translational stiffness (all three alike) and the damping factor, over their ranges. Force actions:
-    the force, as a multiple of the expert's.
+    Gain actions: the translational stiffness (all three alike) and the damping factor, over their ranges.
+    Force actions: the force, as a multiple of the expert's.
 
     Parameters
     ----------
-    task : of the run. reward, policy : of the run. expert : one of its episodes. name : what figures call the policy.
+    task : of the run. reward, policy : of the run. expert : one of its episodes. name : what figures call the
+    policy.
     """
     states = expert.observations[_evenly_spaced(expert.distance)]
     distance = np.linalg.norm(states[:, -12:-9], axis=1)

@@ -10,8 +10,8 @@
 ``figures/``            figures; ``report.html`` shows them all
 ======================  ==========================================================================
 
-A process may be killed at any moment: every file but ``metrics.jsonl`` is old or new, never a part, and the lines
-of ``metrics.jsonl`` beyond the last checkpoint are cut off when the run is taken up again.
+A process may be killed at any moment: every file but ``metrics.jsonl`` is old or new, never a part, and the
+lines of ``metrics.jsonl`` beyond the last checkpoint are cut off when the run is taken up again.
 """
 
 from __future__ import annotations
@@ -64,8 +64,8 @@ class RunFolder:
         Raises
         ------
         FileError
-            The folder holds something else, a run (without `resume`), a run with another configuration or version
-            (the differing fields are named), is in use by another process, or cannot be written.
+            The folder holds something else, a run (without `resume`), a run with another configuration or
+            version (the differing fields are named), is in use by another process, or cannot be written.
         """
         folder = cls(Path(path), kind, json.loads(json.dumps(configuration)))
         folder._make()
@@ -116,7 +116,7 @@ class RunFolder:
             os.close(self._lock)
             self._lock = None
 
-    # --- iterations --------------------------------------------------------------------------------------------
+    # --- iterations ---------------------------------------------------------------------------------------
 
     def append_metrics(self, metrics: Mapping[str, Any]) -> None:
         """Add one line to ``metrics.jsonl``."""
@@ -177,7 +177,7 @@ class RunFolder:
         write_atomically(self.path / "metrics.jsonl", "".join(json.dumps(row) + "\n" for row in rows))
         return state
 
-    # --- beginning ---------------------------------------------------------------------------------------------
+    # --- beginning ----------------------------------------------------------------------------------------
 
     def _identity(self) -> dict[str, Any]:
         return {
@@ -227,8 +227,9 @@ class RunFolder:
         ]
         if changes:
             raise FileError(
-                f"{self.path} holds another run: {', '.join(changes[:5])}{', ...' if len(changes) > 5 else ''}. "
-                "Repeat its options to take it up, or choose another folder."
+                f"{self.path} holds another run: "
+                f"{', '.join(changes[:5])}{', ...' if len(changes) > 5 else ''}. Repeat its options to take "
+                "it up, or choose another folder."
             )
         for leftover in self.path.rglob(".*.*.*"):  # temporary files of a killed process
             leftover.unlink(missing_ok=True)

@@ -16,6 +16,7 @@ from vic_toolbox.experiments.report_parts import (
     place,
     results_table,
     short,
+    table_caption,
     tiles,
     verdict,
 )
@@ -47,7 +48,7 @@ def report_run(skill: Skill, *, before: Skill | None = None, threads: int = 0) -
         summary=verdict(own),
         tiles=tiles(own),
         parts=[
-            results_table("Result", labelled, marked=label, caption=_table_caption(own)),
+            results_table("Result", labelled, marked=label, caption=table_caption(own.episodes)),
             *_figures(skill, task, policies, own),
             report.Commands("Where to go from here", _next_steps(skill)),
             report.Settings("Every setting of this run", flatten(skill.folder.configuration)),
@@ -86,13 +87,6 @@ def _title(skill: Skill, own: Evaluation) -> str:
     if skill.transfer is None:
         return f"{style.look(skill.look).label} on {task}"
     return f"{task}: a skill carried to {place(own.scenario)}"
-
-
-def _table_caption(own: Evaluation) -> str:
-    return (
-        f"Mean ± standard deviation over {own.episodes} episodes; every policy and the expert start from the same, "
-        "slightly varied postures. The relative difference is |score − expert's score| / |expert's score|."
-    )
 
 
 def _next_steps(skill: Skill) -> list[tuple[str, str]]:

@@ -124,14 +124,15 @@ def _check_fit(skill: Skill) -> None:
     sizes = (len(skill.policy.observation_scale), skill.policy.action_size)
     if sizes != (task.observation_size, task.action_size):
         raise FileError(
-            f"{skill.folder.path / 'policy.safetensors'} maps {sizes[0]} observations to {sizes[1]} actions; the run's "
-            f"task has {task.observation_size} and {task.action_size}. The file is from another run."
+            f"{skill.folder.path / 'policy.safetensors'} maps {sizes[0]} observations to {sizes[1]} actions; "
+            f"the run's task has {task.observation_size} and {task.action_size}. The file is from another "
+            "run."
         )
     rewarded = task.observation_size + task.action_size
     if skill.reward is not None and skill.reward.network.sizes[0] != rewarded:
         raise FileError(
-            f"{skill.folder.path / 'reward.safetensors'} takes {skill.reward.network.sizes[0]} inputs; the run's task "
-            f"has {rewarded}. The file is from another run."
+            f"{skill.folder.path / 'reward.safetensors'} takes {skill.reward.network.sizes[0]} inputs; the "
+            f"run's task has {rewarded}. The file is from another run."
         )
 
 

@@ -1,4 +1,6 @@
-"""Train a policy from the expert's demonstrations: AIRL, behaviour cloning, or a constant gain as the baseline."""
+"""Train a policy from the expert's demonstrations: AIRL, behaviour cloning, or a constant gain as the
+baseline.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +34,6 @@ class Workshop:
     run: RunConfiguration
     folder: RunFolder
     task: tasks.Task
-    demonstrations: tasks.Demonstrations
     threads: int
     seconds: float
     progress: Progress
@@ -45,8 +46,9 @@ class Workshop:
         return GaussianPolicy(scale, size, hidden=search.hidden, log_std=search.log_std, seed=seed)
 
     def expert(self) -> ExpertData:
-        """The demonstrations as rows for learning."""
-        recorded = self.demonstrations
+        """The expert's demonstrations as rows for learning."""
+        self.progress.stage("demonstrations of the expert")
+        recorded = self._demonstrations()
         return ExpertData.from_trajectories(
             recorded.observations,
             recorded.actions,
@@ -54,6 +56,22 @@ class Workshop:
             bounds=(self.task.action_low, self.task.action_high),
             held_out=self.run.demonstrations.held_out,
         )
+
+    def _demonstrations(self) -> tasks.Demonstrations:
+        """What the expert did; kept in the folder, so that a run taken up again learns from the same."""
+        path, wanted = self.folder.path / "demonstrations.npz", self.run.demonstrations
+        if path.exists():
+            return tasks.Demonstrations.load(path)
+        recorded = tasks.record(
+            self.task,
+            wanted.count + wanted.held_out,
+            seed=self.run.seed,
+            push=wanted.push,
+            start_noise=wanted.start_noise,
+            threads=self.threads,
+        )
+        recorded.save(path)
+        return recorded
 
 
 def train(
@@ -67,8 +85,8 @@ def train(
 ) -> Evaluation:
     """Train, judge on the training scenario, and write the run's folder with its report.
 
-    The same configuration gives the same numbers, whatever the number of threads, and whether the run was stopped
-    and taken up again (after Ctrl-C or a kill) or not.
+    The same configuration gives the same numbers, whatever the number of threads, and whether the run was
+    stopped and taken up again (after Ctrl-C or a kill) or not.
 
     Parameters
     ----------
@@ -79,7 +97,8 @@ def train(
 
     Raises
     ------
-    InputError, FileError : bad configuration or folder. KeyboardInterrupt : Ctrl-C; `resume` goes on from there.
+    InputError, FileError : bad configuration or folder. KeyboardInterrupt : Ctrl-C; `resume` goes on from
+    there.
     """
     progress = progress or Progress()
     task = make_task(run, "train")
@@ -87,32 +106,11 @@ def train(
         if folder.complete:
             progress.say(f"{folder.path} is complete already.")
             return read_evaluation(folder, "train")
-        progress.stage("demonstrations of the expert")
-        demonstrations = _demonstrations(run, task, folder, threads)
-        workshop = Workshop(run, folder, task, demonstrations, threads, seconds, progress)
+        workshop = Workshop(run, folder, task, threads, seconds, progress)
         policy = _METHODS[run.method](workshop)
         save_policy(folder.path / "policy.safetensors", policy)
         progress.stage("evaluation and report")
         return report_run(load_skill(folder.path), threads=threads)
-
-
-def _demonstrations(
-    run: RunConfiguration, task: tasks.Task, folder: RunFolder, threads: int
-) -> tasks.Demonstrations:
-    """What the expert did; kept in the folder, so that a run taken up again learns from the same."""
-    path, wanted = folder.path / "demonstrations.npz", run.demonstrations
-    if path.exists():
-        return tasks.Demonstrations.load(path)
-    recorded = tasks.record(
-        task,
-        wanted.count + wanted.held_out,
-        seed=run.seed,
-        push=wanted.push,
-        start_noise=wanted.start_noise,
-        threads=threads,
-    )
-    recorded.save(path)
-    return recorded
 
 
 def _train_airl(shop: Workshop) -> GaussianPolicy:
@@ -136,8 +134,8 @@ def _train_airl(shop: Workshop) -> GaussianPolicy:
 
 def _train_bc(shop: Workshop) -> GaussianPolicy:
     settings = shop.run.recipe.cloning
-    policy = shop.policy()
-    shop.folder.load_checkpoint()  # cloning takes seconds and starts over; this drops the metrics of a killed run
+    policy, expert = shop.policy(), shop.expert()
+    shop.folder.load_checkpoint()  # cloning takes seconds and starts over: drop the metrics of a killed run
     shop.progress.stage("cloning (BC)", settings.steps)
 
     def note(metrics: dict[str, float]) -> None:
@@ -145,7 +143,7 @@ def _train_bc(shop: Workshop) -> GaussianPolicy:
         shop.progress.update(int(metrics["iteration"]))
 
     rng = random_stream(shop.run.seed, 6)
-    clone(policy, shop.expert(), configuration=settings, rng=rng, progress=note)
+    clone(policy, expert, configuration=settings, rng=rng, progress=note)
     return policy
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import os
 from dataclasses import replace
-from pathlib import Path
 
 from vic_toolbox import tasks
 from vic_toolbox.errors import InputError, one_of
@@ -37,11 +36,13 @@ def transfer(
     seconds: float = math.inf,
     progress: Progress | None = None,
 ) -> Evaluation:
-    """Optimise a policy under the frozen reward of a run, on another scenario, and write a run folder of its own.
+    """Optimise a policy under the frozen reward of a run, on another scenario, and write a run folder of its
+    own.
 
     Parameters
     ----------
-    source : folder of the finished run. scenario : a name, or a start "x,y,z" [m]. out : the new run's folder.
+    source : folder of the finished run. scenario : a name, or a start "x,y,z" [m]. out : the new run's
+    folder.
     fresh : begin with random weights instead of the run's policy: the test of the reward itself.
     reward : "learned", or "random" for an untrained network, the control.
     seed : of fresh weights, exploration and minibatches.
@@ -50,7 +51,8 @@ def transfer(
 
     Raises
     ------
-    InputError, FileError : bad run, scenario or folder. KeyboardInterrupt : Ctrl-C; `resume` goes on from there.
+    InputError, FileError : bad run, scenario or folder. KeyboardInterrupt : Ctrl-C; `resume` goes on from
+    there.
     """
     progress = progress or Progress()
     skill = load_skill(source)
@@ -96,7 +98,7 @@ def _reward(skill: Skill, kind: str, seed: int) -> RewardNetwork:
         return RewardNetwork(task.observation_size, task.action_size, seed=weights)
     if skill.reward is None:
         raise InputError(
-            f"{Path(skill.folder.path)} ({skill.run.method}) has learned no reward; pass an AIRL run, or the control "
-            "--reward random."
+            f"{skill.folder.path} ({skill.run.method}) has learned no reward; pass an AIRL run, or use the "
+            "control, --reward random."
         )
     return skill.reward

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from vic_toolbox.experiments.figures import style
 
@@ -47,6 +48,7 @@ def learning_curves(metrics: Metrics, *, expert_score: float, name: str) -> Figu
         for axes, (key, title, label) in zip(grid, panels, strict=False):
             _panel(axes, metrics, key, name=name)
             axes.set(title=title, ylabel=label, xlabel="iteration")
+            axes.xaxis.set_major_locator(MaxNLocator(6, integer=True))
         if panels[0][0] == "mean_score":
             _score_panel(grid[0], metrics, expert_score)
     return drawing
@@ -59,8 +61,17 @@ def _panel(axes: Axes, metrics: Metrics, key: str, *, name: str) -> None:
     if key == "discriminator_accuracy":
         axes.axhline(0.5, color=style.QUIET, lw=0.9, ls=":")
         axes.set_ylim(0.4, 1.02)
-        axes.annotate("by chance", (1, 0.5), (0, -3), xycoords=("axes fraction", "data"), va="top", ha="right",
-                      textcoords="offset points", color=style.QUIET, fontsize=7.5)  # fmt: skip
+        axes.annotate(
+            "by chance",
+            (1, 0.5),
+            (0, -3),
+            xycoords=("axes fraction", "data"),
+            textcoords="offset points",
+            va="top",
+            ha="right",
+            color=style.QUIET,
+            fontsize=7.5,
+        )
     style.line(axes, iteration, value, name, lw=1.4)
     if key in ("action_error", "log_std"):
         axes.set_ylim(0.0, 1.08 * value.max())

@@ -22,7 +22,8 @@ _AXES = ("x", "y", "z")
 def gains_over_time(traces: Traces) -> Figure:
     """Stiffness of each axis, damping factor and distance to the goal, over time.
 
-    Policies that set the wrench themselves have no stiffness; with none that has one, the feedback wrench is shown.
+    Policies that set the wrench themselves have no stiffness; with none that has one, the feedback wrench is
+    shown.
     """
     with_gains = {name: trace for name, trace in traces.items() if trace.stiffness.any()}
     learned = [name for name in with_gains if name not in ("expert", "constant")]
@@ -114,7 +115,7 @@ def paths(scenes: Mapping[str, Traces], *, plate_radius: float) -> Figure:
 
 
 def draw_paths(axes: Axes3D, scenes: Mapping[str, Traces], *, plate_radius: float) -> None:
-    """Draw paths, their shadows on the table, the plate and the robot's base into 3-D axes of equal scales."""
+    """Draw paths, their shadows on the table, the plate and the robot's base into 3-D axes, to scale."""
     all_traces = [trace for traces in scenes.values() for trace in traces.values()]
     goal = all_traces[0].goal
     for scenario, traces in scenes.items():
@@ -125,14 +126,16 @@ def draw_paths(axes: Axes3D, scenes: Mapping[str, Traces], *, plate_radius: floa
         start = next(iter(traces.values())).path[0]
         axes.plot(start[[0, 0]], start[[1, 1]], [0.0, start[2]], color=style.QUIET, lw=0.6, ls=":")
         axes.scatter(*start, color=style.INK, s=16, depthshade=False, zorder=6)
-        axes.text(
-            *(start - [0, 0.03, 0.01]), scenario, fontsize=8.5, color=style.INK, ha="right", weight="bold"
-        )
+        foot = {"fontsize": 8.5, "color": style.INK, "ha": "center", "va": "top", "weight": "bold"}
+        axes.text(start[0] + 0.03, start[1], -0.03, scenario, **foot)
     _disc(axes, goal[:2], plate_radius, "#dfe6ee", "")
     _disc(axes, np.zeros(2), 0.095, "#f5dd90", "robot")
     rims = [[-0.1, -0.1, 0.0], *(goal + plate_radius * np.array([[-1, -1, 0], [1, 1, 0]]))]
     points = np.concatenate([trace.path for trace in all_traces] + [np.array(rims)])
-    low, high = points.min(axis=0) - [0.0, 0.05, 0.0], points.max(axis=0) + [0.05, 0.1, 0.06]
+    low, high = (
+        points.min(axis=0) - np.array([0.0, 0.05, 0.0]),
+        points.max(axis=0) + np.array([0.05, 0.1, 0.06]),
+    )
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(0.0, high[2]))
     axes.set_box_aspect(high - [low[0], low[1], 0.0], zoom=1.22)
     axes.view_init(elev=26, azim=-32)

@@ -18,11 +18,13 @@ _PALE_IS_BEST = LinearSegmentedColormap.from_list(
 
 @dataclass(frozen=True)
 class RewardSlice:
-    """The reward over one quantity of the action, at the states of the expert's path; the rest of the action is his.
+    """The reward over one quantity of the action, at the states of the expert's path; the rest of the action
+    is his.
 
     Attributes
     ----------
-    name : of the quantity, with its unit. value : grid of it, (m,). distance : to the goal at each state, (n,) [m].
+    name : of the quantity, with its unit. value : grid of it, (m,). distance : to the goal at each state,
+    (n,) [m].
     reward : (n, m). chosen : method → what it chose at each state, (n,).
     """
 
@@ -44,9 +46,15 @@ def reward_landscape(slices: list[RewardSlice]) -> Figure:
             below = part.reward - part.reward.max(axis=1, keepdims=True)
             depth = max(float(np.quantile(-below, 0.9)), 1e-6)
             image = axes.pcolormesh(
-                part.distance, part.value, below.T, cmap=_PALE_IS_BEST, vmin=-depth, vmax=0.0, shading="gouraud",
+                part.distance,
+                part.value,
+                below.T,
+                cmap=_PALE_IS_BEST,
+                vmin=-depth,
+                vmax=0.0,
+                shading="gouraud",
                 rasterized=True,
-            )  # fmt: skip
+            )
             for name, chosen in part.chosen.items():
                 over = (
                     {"color": style.INK, "lw": 1.6, "dashes": (3, 2), "zorder": 6} if name == "expert" else {}

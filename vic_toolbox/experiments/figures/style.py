@@ -1,4 +1,5 @@
-"""One look for every figure: colours that colour-blind readers can tell apart, quiet axes, units on every label.
+"""One look for every figure: colours that colour-blind readers can tell apart, quiet axes, units on every
+label.
 
 Each method keeps its colour and its name in all figures and tables. The palette is Okabe and Ito's.
 """
@@ -114,7 +115,8 @@ def shared_legend(drawing: Figure, axes: Axes) -> Legend:
 
 
 def save(drawing: Figure, path: Path) -> Path:
-    """Write the figure whole or not at all; the suffix chooses the format. The same figure gives the same bytes.
+    """Write the figure whole or not at all; the suffix chooses the format. The same figure gives the same
+    bytes.
 
     Raises
     ------

@@ -26,7 +26,8 @@ def sweep_maps(
 
     Parameters
     ----------
-    starts : (n, 3) [m]. goal : (3,) [m]. unreachable : (m, 3), starts that the arm cannot take, drawn as crosses.
+    starts : (n, 3) [m]. goal : (3,) [m]. unreachable : (m, 3), starts that the arm cannot take, drawn as
+    crosses.
     relative_difference : method → (n,), relative difference to the expert.
     success : method → (n,), share of successes; the expert's too.
     """
