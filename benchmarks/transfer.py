@@ -60,6 +60,7 @@ class Cell:
 
     @classmethod
     def of(cls, row: str, seed: int, evaluation: Evaluation) -> Cell:
+        """The cell of an evaluation."""
         return cls(row, evaluation.scenario, seed, evaluation.signed_difference, evaluation.success_rate)
 
 
@@ -154,7 +155,7 @@ def interval(values: np.ndarray) -> float:
 
 
 def summarise(cells: list[Cell]) -> list[dict]:
-    """Mean over the seeds of |difference|, its interval, the signed mean and the success rate, a row and scenario each."""
+    """Mean over the seeds of |difference|, its interval, the signed mean and the success rate, for each cell."""
     found: dict[tuple[str, str], list[Cell]] = {}
     for cell in cells:
         found.setdefault((cell.row, cell.scenario), []).append(cell)
@@ -214,7 +215,9 @@ def _cell_text(entry: dict | None) -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--out", type=Path, default=Path("runs/transfer"), help="folder of the runs")
     parser.add_argument("--results", type=Path, default=Path("docs/results"), help="folder of the tables")
     parser.add_argument("--seeds", type=int, default=3, help="number of seeds, from 0")
@@ -223,7 +226,12 @@ def main() -> None:
     work = [
         (job, chosen.out, action, seed)
         for seed in range(chosen.seeds)
-        for job, action in ((airl_cells, "gain"), (airl_cells, "force"), (cloning_cells, "gain"), (cloning_cells, "force"))
+        for job, action in (
+            (airl_cells, "gain"),
+            (airl_cells, "force"),
+            (cloning_cells, "gain"),
+            (cloning_cells, "force"),
+        )
     ] + [(constant_cells, chosen.out, "gain", 0)]
     done = joblib.Parallel(n_jobs=chosen.jobs, verbose=5)(joblib.delayed(timed)(*job) for job in work)
     table = summarise([cell for cells, _ in done for cell in cells])

@@ -513,10 +513,10 @@ figure, panels = plt.subplots(1, 4, figsize=(9.0, 2.7))
 for (name, (seen, touch, _)), colour in zip(episodes.items(), (BLUE, GREEN), strict=True):
     parameters = policies[name].parameters(seen[:, i])
     speed = np.linalg.norm(seen[:, i, 6:9], axis=1)
-    force = np.convolve(touch[:, i], np.full(10, 0.1))[: task.horizon]  # mean over 0.1 s
+    force = np.convolve(touch[:, i], np.full(10, 0.1))[: task.horizon]
     for panel, curve in zip(panels, (parameters[:, 2], parameters[:, 6], speed, force), strict=True):
         panel.plot(task.dt * np.arange(task.horizon), curve, color=colour, label=name, lw=1.6)
-titles = ("stiffness along z  [N/m]", "damping factor d  [√kg]", "speed  [m/s]", "contact force  [N]")
+titles = ("stiffness along z  [N/m]", "damping factor d  [√kg]", "speed  [m/s]", "contact, 0.1 s mean  [N]")
 for panel, title in zip(panels, titles, strict=True):
     panel.set(title=title, xlabel="time  [s]")
 panels[3].set_xlim(left=3.0)

@@ -77,7 +77,9 @@ def test_the_slope_bound_bounds_the_slope():
     reward = RewardNetwork(2, 1, seed=0)
     rest = torch.zeros(400), np.zeros(400, dtype=int)
     settings = DiscriminatorConfiguration(steps=800, batch=128)
-    train_discriminator(reward, (expert, *rest), (policy, *rest), slope_bound=1.0, configuration=settings, rng=rng)
+    train_discriminator(
+        reward, (expert, *rest), (policy, *rest), slope_bound=1.0, configuration=settings, rng=rng
+    )
     z = torch.lerp(policy, expert, torch.rand(400, 1)).requires_grad_()
     with torch.enable_grad():
         (slope,) = torch.autograd.grad(reward.value(z).sum(), z)
@@ -127,7 +129,9 @@ def test_airl_imitates_and_its_reward_teaches_a_fresh_policy():
     )
     scores = [transfer.iterate()["score"] for _ in range(40)]
     assert transfer.finished
-    assert np.mean(scores[-5:]) > 0.5 * scores[0]  # scores are negative: less than half the fresh policy's loss
+    assert (
+        np.mean(scores[-5:]) > 0.5 * scores[0]
+    )  # scores are negative: less than half the fresh policy's loss
     assert learner.expert.action_error(transfer.result()) < 0.6 * first["action_error"]
 
 
@@ -143,7 +147,9 @@ def assert_same(left: dict[str, torch.Tensor], right: dict[str, torch.Tensor]) -
         assert torch.equal(left[name], right[name]), name
 
 
-@pytest.mark.parametrize("changes", [{}, {"replay": 3}, {"restart_after": 4, "restart_above": 0.0, "restarts": 1}])
+@pytest.mark.parametrize(
+    "changes", [{}, {"replay": 3}, {"restart_after": 4, "restart_above": 0.0, "restarts": 1}]
+)
 def test_a_resumed_run_equals_the_unbroken_one(tmp_path, changes):
     environment = ToyEnvironment()
     expert = toy_expert(environment)
@@ -222,7 +228,8 @@ def test_expert_data_refuses_bad_splits():
     observations, actions = np.zeros((5, 7, 4)), np.zeros((5, 6, 2))
     given = {"policy": policy, "bounds": (-np.ones(2), np.ones(2))}
     data = ExpertData.from_trajectories(observations, actions, held_out=2, **given)
-    assert len(data.training[0]) == 18 and len(data.held_out[0]) == 12
+    assert len(data.training[0]) == 18
+    assert len(data.held_out[0]) == 12
     with pytest.raises(InputError, match="held_out"):
         ExpertData.from_trajectories(observations, actions, held_out=5, **given)
     with pytest.raises(InputError, match="agree"):

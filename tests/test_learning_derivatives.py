@@ -33,7 +33,9 @@ def flat(tensors) -> torch.Tensor:
 
 def random_network(activation: str, seed: int = 0, sizes=(5, 8, 6, 3)) -> Mlp:
     network = Mlp(sizes, activation, generator=torch.Generator().manual_seed(seed))
-    network.theta.add_(0.1 * torch.randn(network.theta.shape, generator=torch.Generator().manual_seed(seed + 1)))
+    network.theta.add_(
+        0.1 * torch.randn(network.theta.shape, generator=torch.Generator().manual_seed(seed + 1))
+    )
     return network
 
 
@@ -57,9 +59,13 @@ def test_network_products_equal_autograd(activation, seed, rows):
     names = [name for name, _ in module.named_parameters()]
     tangents = flat_to_dict(network, direction, names)
     _, expected_tangent = torch.func.jvp(
-        lambda parameters: functional_call(module, parameters, (x,)), (dict(module.named_parameters()),), (tangents,)
+        lambda parameters: functional_call(module, parameters, (x,)),
+        (dict(module.named_parameters()),),
+        (tangents,),
     )
-    torch.testing.assert_close(network.tangent(activations, direction), expected_tangent, rtol=1e-4, atol=1e-5)
+    torch.testing.assert_close(
+        network.tangent(activations, direction), expected_tangent, rtol=1e-4, atol=1e-5
+    )
 
 
 def flat_to_dict(network: Mlp, vector: torch.Tensor, names: list[str]) -> dict[str, torch.Tensor]:
@@ -77,9 +83,7 @@ def test_slope_penalty_equals_double_backpropagation(seed, bound):
     expected = (slope.norm(dim=1) - bound).clamp(min=0).square().mean()
     gradients = torch.autograd.grad(expected, list(module.parameters()), allow_unused=True)
     parameters = list(module.parameters())
-    filled = [
-        torch.zeros_like(p) if g is None else g for p, g in zip(parameters, gradients, strict=True)
-    ]
+    filled = [torch.zeros_like(p) if g is None else g for p, g in zip(parameters, gradients, strict=True)]
     value, gradient = slope_penalty(network, x.detach(), bound=bound)
     torch.testing.assert_close(value, expected.detach(), rtol=1e-4, atol=1e-6)
     torch.testing.assert_close(gradient, flat(filled), rtol=1e-3, atol=1e-5)
@@ -123,7 +127,12 @@ def test_trpo_step_improves_the_surrogate_inside_the_trust_region(seed, limit):
     actions = mean + old.log_std.exp() * torch.randn(mean.shape, generator=generator)
     advantages = torch.tanh(x[:, 0]) * (actions - mean)[:, 0]
     step = trpo_step(
-        policy, x, actions, advantages, divergence_limit=limit, configuration=TrpoConfiguration(fisher_stride=1)
+        policy,
+        x,
+        actions,
+        advantages,
+        divergence_limit=limit,
+        configuration=TrpoConfiguration(fisher_stride=1),
     )
     new_mean = policy.network.value(x)
     divergence = float(old.divergence(mean, old.log_std, new_mean, policy.log_std))
@@ -137,14 +146,22 @@ def test_trpo_leaves_the_policy_alone_when_no_step_helps():
     x = torch.randn(50, 4, generator=torch.Generator().manual_seed(1))
     before = policy.theta.clone()
     step = trpo_step(
-        policy, x, policy.network.value(x), torch.zeros(50), divergence_limit=0.01, configuration=TrpoConfiguration()
+        policy,
+        x,
+        policy.network.value(x),
+        torch.zeros(50),
+        divergence_limit=0.01,
+        configuration=TrpoConfiguration(),
     )
     assert step.fraction == 0.0
     assert torch.equal(policy.theta, before)
 
 
 @given(
-    seed=st.integers(0, 1000), discount=st.floats(0.5, 1.0), trace=st.floats(0.0, 1.0), length=st.integers(1, 12)
+    seed=st.integers(0, 1000),
+    discount=st.floats(0.5, 1.0),
+    trace=st.floats(0.0, 1.0),
+    length=st.integers(1, 12),
 )
 @settings(max_examples=30, deadline=None)
 def test_generalised_advantages_equal_their_definition(seed, discount, trace, length):
@@ -152,7 +169,9 @@ def test_generalised_advantages_equal_their_definition(seed, discount, trace, le
     rewards, values = rng.normal(size=(length, 2)), rng.normal(size=(length + 1, 2))
     advantages, returns = generalised_advantages(rewards, values, discount=discount, trace=trace)
     delta = rewards + discount * values[1:] - values[:-1]
-    expected = [sum((discount * trace) ** (k - t) * delta[k] for k in range(t, length)) for t in range(length)]
+    expected = [
+        sum((discount * trace) ** (k - t) * delta[k] for k in range(t, length)) for t in range(length)
+    ]
     np.testing.assert_allclose(advantages, expected, atol=1e-10)
     np.testing.assert_allclose(returns, advantages + values[:-1], atol=1e-12)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -177,11 +178,11 @@ def judge(
     task : with the scenario to judge on. policies : name → policy.
     episodes, seed, threads : see :func:`run_episodes`.
     """
-    chosen = {"episodes": episodes, "seed": seed, "threads": threads}
-    expert = run_episodes(task, task.expert_action, **chosen)
+    run = partial(run_episodes, task, episodes=episodes, seed=seed, threads=threads)
+    expert = run(task.expert_action)
     rows = {}
     for name, policy in policies.items():
-        own = expert if policy.method == "expert" else run_episodes(task, policy.act, **chosen)
+        own = expert if policy.method == "expert" else run(policy.act)
         rows[name] = _row(task, policy, own, expert, seed)
     return rows
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 import matplotlib
 import numpy as np
@@ -112,7 +113,7 @@ def _drawn(traces: Mapping[str, Trace]) -> Callable[[str, int], np.ndarray]:
     drawings = {}
     for name, trace in traces.items():
         with style.figure(WIDTH / 100, HEIGHT / 100) as drawing:
-            axes = drawing.add_subplot(projection="3d")
+            axes: Any = drawing.add_subplot(projection="3d")
             motion.draw_paths(axes, {"start": {name: trace}}, plate_radius=PLATE_RADIUS)
             axes.set_zlim(0.0, 0.9)
             axes.set_box_aspect((0.8, 0.9, 0.9), zoom=1.1)

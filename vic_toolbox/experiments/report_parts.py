@@ -21,7 +21,7 @@ CAPTIONS = {
         "explores. The error on held-out expert states, never a score, decides which iteration is kept. The "
         "discriminator falls towards chance as the policy becomes hard to tell from the expert."
     ),
-    "Cloning": "Error of the mean action on held-out expert states; the weights at its smallest value are kept.",
+    "Cloning": "Error of the mean action on held-out expert states: the weights of its minimum are kept.",
     "Transfer": (
         "The reward is frozen; only the policy moves. The thin line is its score while it explores, the "
         "thick one the score of its mean action, which the optimisation never sees."
@@ -35,7 +35,7 @@ CAPTIONS = {
         "Left: the path of the cup's bottom from its start to the plate. Right: how far each policy is from "
         "where the expert is at the same moment."
     ),
-    "forces": "Force that drives the arm, speed of the cup, and the force on the cup when it touches the plate.",
+    "forces": "Force that drives the arm, speed of the cup, and the force on it when it touches the plate.",
     "reward": (
         "The learned reward at states along the expert's path, when one quantity of the action is varied "
         "and the rest is the expert's. Pale is what the reward prefers; where the pale ridge follows the "
@@ -83,8 +83,8 @@ def results_table(
 def table_caption(episodes: int) -> str:
     """What the numbers of a results table are."""
     return (
-        f"Mean ± standard deviation over {episodes} episodes; every policy and the expert start from the same, "
-        "slightly varied postures. The relative difference is |score − expert's score| / |expert's score|."
+        f"Mean ± standard deviation over {episodes} episodes; every policy and the expert start from the "
+        "same, slightly varied postures. Relative difference: |score − expert's score| / |expert's score|."
     )
 
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import hashlib
+import os
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 from vic_toolbox import tasks
@@ -92,7 +92,7 @@ def parse_scenario(scenario: Any) -> Any:
         raise InputError(f'scenario is "{scenario}"; pass a name, or a start "x,y,z" in metres.') from error
 
 
-def load_skill(path: str | Path) -> Skill:
+def load_skill(path: str | os.PathLike[str]) -> Skill:
     """Read a finished run.
 
     Raises

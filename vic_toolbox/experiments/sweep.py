@@ -200,8 +200,8 @@ def sweep_runs(skills: Sequence[Skill], **options: Any) -> Sweep:
         other = skill.task("train")
         if (other.name, other.action, other.history) != (task.name, task.action, task.history):
             raise InputError(
-                f"{skill.folder.path} is of {other.name}, action {other.action}, history {other.history}; the first "
-                f"run is of {task.name}, action {task.action}, history {task.history}. Sweep them one by one."
+                f"{skill.folder.path} is of {other.name}, action {other.action}, history {other.history}; "
+                f"the first run is of {task.name}, action {task.action}, history {task.history}. Sweep each alone."
             )
         name = skill.look if skill.look not in policies else skill.folder.path.name
         policies[name] = skill.judged

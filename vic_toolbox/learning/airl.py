@@ -40,7 +40,7 @@ class AirlConfiguration:
     """Iterations of one attempt."""
     divergence: float = 0.03
     """Trust region δ [nats] before sharpening."""
-    divergence_final: float = 0.002
+    divergence_final: float = 0.005
     """Trust region δ [nats] after sharpening."""
     slope_bound: float = 4.0
     """Bound L on ‖∂r/∂z‖ before sharpening."""
@@ -52,11 +52,11 @@ class AirlConfiguration:
     """Standard deviation of the noise on expert actions after sharpening."""
     sharpen_below: float = 0.2
     """Held-out action error (RMS, normalised action) below which sharpening goes on."""
-    sharpen_iterations: int = 80
+    sharpen_iterations: int = 60
     """Iterations from the initial to the final values."""
     restart_after: int = 80
     """Iteration at which an attempt is judged."""
-    restart_above: float = 0.3
+    restart_above: float = 0.4
     """Held-out action error above which the judged attempt is restarted."""
     restarts: int = 2
     """Largest number of restarts."""
@@ -119,6 +119,7 @@ class Airl:
 
     @property
     def finished(self) -> bool:
+        """Whether all iterations are done."""
         return int(self.iteration) >= self.configuration.iterations
 
     @torch.no_grad()

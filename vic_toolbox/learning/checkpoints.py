@@ -24,7 +24,9 @@ from vic_toolbox.learning.reward import RewardNetwork
 FORMAT = "vic-toolbox/1"
 
 
-def save_tensors(path: str | os.PathLike[str], tensors: Mapping[str, torch.Tensor], header: dict[str, Any]) -> None:
+def save_tensors(
+    path: str | os.PathLike[str], tensors: Mapping[str, torch.Tensor], header: dict[str, Any]
+) -> None:
     """Write tensors and a JSON-serialisable header.
 
     Raises
@@ -36,7 +38,9 @@ def save_tensors(path: str | os.PathLike[str], tensors: Mapping[str, torch.Tenso
     write_atomically(path, save(contiguous, metadata=metadata))
 
 
-def load_tensors(path: str | os.PathLike[str], *, kind: str) -> tuple[dict[str, torch.Tensor], dict[str, Any]]:
+def load_tensors(
+    path: str | os.PathLike[str], *, kind: str
+) -> tuple[dict[str, torch.Tensor], dict[str, Any]]:
     """Read tensors and header of a file written by `save_tensors` with `header["kind"] == kind`.
 
     Raises
@@ -47,14 +51,18 @@ def load_tensors(path: str | os.PathLike[str], *, kind: str) -> tuple[dict[str, 
     try:
         with safe_open(path, framework="pt") as file:
             metadata = file.metadata() or {}
-            tensors = {name: file.get_tensor(name) for name in file.keys()}
+            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 (not a mapping)
         if metadata.get("format") != FORMAT:
-            raise FileError(f"{path} has format {metadata.get('format')!r}; expected {FORMAT!r}: train it again")
+            raise FileError(
+                f"{path} has format {metadata.get('format')!r}; expected {FORMAT!r}: train it again"
+            )
         header = json.loads(metadata["header"])
     except (OSError, SafetensorError, KeyError, json.JSONDecodeError) as error:
         if isinstance(error, FileError):
             raise
-        raise FileError(f"{path} cannot be read ({error}); expected a {kind} file written by vic_toolbox") from error
+        raise FileError(
+            f"{path} cannot be read ({error}); expected a {kind} file written by vic_toolbox"
+        ) from error
     if not isinstance(header, dict) or header.get("kind") != kind:
         raise FileError(f"{path} is not a {kind} file; its header says {header!r:.200}")
     if kind != "checkpoint":
@@ -78,7 +86,9 @@ def load_policy(path: str | os.PathLike[str]) -> GaussianPolicy:
     tensors, header = load_tensors(path, kind="policy")
     try:
         n_in, hidden, same, n_out = header["sizes"]
-        policy = GaussianPolicy(tensors["observation_scale"].numpy(), n_out, hidden=hidden, log_std=0.0, seed=0)
+        policy = GaussianPolicy(
+            tensors["observation_scale"].numpy(), n_out, hidden=hidden, log_std=0.0, seed=0
+        )
         if same != hidden or n_in != policy.network.sizes[0]:
             raise ValueError(f"sizes {header['sizes']}")
         _fill_layers(policy.network.layers, tensors)
@@ -115,7 +125,9 @@ def _named_layers(layers: list[tuple[torch.Tensor, torch.Tensor]]) -> dict[str, 
     }
 
 
-def _fill_layers(layers: list[tuple[torch.Tensor, torch.Tensor]], tensors: Mapping[str, torch.Tensor]) -> None:
+def _fill_layers(
+    layers: list[tuple[torch.Tensor, torch.Tensor]], tensors: Mapping[str, torch.Tensor]
+) -> None:
     for name, tensor in _named_layers(layers).items():
         if tensors[name].shape != tensor.shape:
             raise ValueError(f"{name} has shape {tuple(tensors[name].shape)}, expected {tuple(tensor.shape)}")

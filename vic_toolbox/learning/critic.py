@@ -32,6 +32,7 @@ class Critic:
 
     @property
     def theta(self) -> torch.Tensor:
+        """All parameters, flat; live."""
         return self.network.theta
 
     def value(self, inputs: torch.Tensor) -> torch.Tensor:

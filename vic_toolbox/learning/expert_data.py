@@ -50,7 +50,9 @@ class ExpertData:
                 "expected (n, T or T+1, n_o) and (n, T, n_a)"
             )
         if not 1 <= held_out < count:
-            raise InputError(f"held_out is {held_out} of {count} trajectories; keep at least one on each side")
+            raise InputError(
+                f"held_out is {held_out} of {count} trajectories; keep at least one on each side"
+            )
         inputs = policy.scaled(observations[:, :length])
         targets = torch.from_numpy(np.ascontiguousarray(actions, dtype=np.float32))
         split = count - held_out
@@ -60,9 +62,12 @@ class ExpertData:
     @torch.no_grad()
     def action_error(self, policy: GaussianPolicy) -> float:
         """Held-out action error: RMS over rows and components of the mean action, as the environment clips it,
-        less the expert's."""
+        less the expert's.
+        """
         inputs, actions = self.held_out
-        return float((policy.network.value(inputs).clamp(self.low, self.high) - actions).square().mean().sqrt())
+        return float(
+            (policy.network.value(inputs).clamp(self.low, self.high) - actions).square().mean().sqrt()
+        )
 
 
 def _rows(inputs: torch.Tensor, actions: torch.Tensor) -> Rows:

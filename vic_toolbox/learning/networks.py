@@ -68,7 +68,9 @@ class Mlp:
         self.layers = self.split(self.theta)
         for depth, (weight, _) in enumerate(self.layers):
             scale = output_scale if depth == len(shapes) - 1 else 1.0
-            weight.copy_(torch.randn(weight.shape, generator=generator) * (scale / math.sqrt(weight.shape[1])))
+            weight.copy_(
+                torch.randn(weight.shape, generator=generator) * (scale / math.sqrt(weight.shape[1]))
+            )
 
     def split(self, vector: torch.Tensor) -> Layers:
         """Views of a flat vector as the layers' (weight, bias) pairs."""
@@ -157,10 +159,12 @@ class GaussianPolicy:
 
     @property
     def theta(self) -> torch.Tensor:
+        """All parameters, flat; live."""
         return self.network.theta
 
     @property
     def log_std(self) -> torch.Tensor:
+        """Logarithm of the standard deviation of each action, (n_a,); live."""
         return self.theta[-self.action_size :]
 
     def scaled(self, observations: np.ndarray) -> torch.Tensor:
@@ -186,7 +190,9 @@ class GaussianPolicy:
     def _numpy_layers(self) -> list[tuple[np.ndarray, np.ndarray]]:
         return [(weight.numpy(), bias.numpy()) for weight, bias in self.network.layers]
 
-    def log_probability(self, mean: torch.Tensor, log_std: torch.Tensor, actions: torch.Tensor) -> torch.Tensor:
+    def log_probability(
+        self, mean: torch.Tensor, log_std: torch.Tensor, actions: torch.Tensor
+    ) -> torch.Tensor:
         """`log π(a|o)` (n,) from the mean (n, n_a), log σ (n_a,) and the actions (n, n_a)."""
         z = (actions - mean) * (-log_std).exp()
         return -0.5 * z.square().sum(1) - (log_std.sum() + 0.5 * self.action_size * LOG_TWO_PI)

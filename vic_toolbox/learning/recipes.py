@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 from vic_toolbox.errors import InputError
 from vic_toolbox.learning.airl import AirlConfiguration
 from vic_toolbox.learning.cloning import CloningConfiguration
-from vic_toolbox.learning.policy_search import PolicySearchConfiguration
 from vic_toolbox.learning.transfer import TransferConfiguration
 
 
@@ -44,13 +43,29 @@ def recipe(task: str, *, action: str, history: int) -> Recipe:
     )
 
 
-_CUP_ON_PLATE = PolicySearchConfiguration(environments=20, start_noise=0.02, log_std=-0.5)
+_CUP_ON_PLATE = Recipe(
+    airl=AirlConfiguration(), transfer=TransferConfiguration(), cloning=CloningConfiguration()
+)
+
+# A wrench must be finer than a gain: near the goal the expert's is a tenth of its largest, and it has to balance the
+# arm at every step. Hence less exploration, a steeper reward, and a looser gate for the sharpening.
+_CUP_ON_PLATE_FORCE = replace(
+    _CUP_ON_PLATE,
+    airl=replace(
+        _CUP_ON_PLATE.airl,
+        slope_bound=10.0,
+        slope_bound_final=30.0,
+        expert_noise=0.1,
+        expert_noise_final=0.02,
+        sharpen_below=0.65,
+        sharpen_iterations=100,
+        restart_above=0.85,
+        search=replace(_CUP_ON_PLATE.airl.search, log_std=-1.5),
+    ),
+    transfer=replace(_CUP_ON_PLATE.transfer, search=replace(_CUP_ON_PLATE.transfer.search, log_std=-1.5)),
+)
 
 _RECIPES: dict[tuple[str, str], Recipe] = {
-    ("cup-on-plate", space): Recipe(
-        airl=AirlConfiguration(search=_CUP_ON_PLATE),
-        transfer=TransferConfiguration(search=_CUP_ON_PLATE),
-        cloning=CloningConfiguration(),
-    )
-    for space in ("gain", "force")
+    ("cup-on-plate", "gain"): _CUP_ON_PLATE,
+    ("cup-on-plate", "force"): _CUP_ON_PLATE_FORCE,
 }

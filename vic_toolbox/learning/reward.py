@@ -47,6 +47,7 @@ class RewardNetwork:
 
     @property
     def theta(self) -> torch.Tensor:
+        """All parameters, flat; live."""
         return self.network.theta
 
     def value(self, samples: torch.Tensor) -> torch.Tensor:
@@ -102,7 +103,9 @@ def _drawn(pool: Samples, rows: torch.Tensor) -> tuple[torch.Tensor, torch.Tenso
     """Samples (*rows.shape, n_o + n_a) and log π (*rows.shape) of the drawn rows."""
     samples, log_probability, _ = pool
     flat = rows.reshape(-1)
-    return samples.index_select(0, flat).view(*rows.shape, -1), log_probability.index_select(0, flat).view(rows.shape)
+    return samples.index_select(0, flat).view(*rows.shape, -1), log_probability.index_select(0, flat).view(
+        rows.shape
+    )
 
 
 @torch.no_grad()

@@ -10,31 +10,19 @@ import numpy as np
 from vic_toolbox.learning.networks import GaussianPolicy
 
 
-class Task(Protocol):
-    """What learning asks of a task; every task of `vic_toolbox.tasks` offers it."""
-
-    name: str
-    horizon: int
-    observation_size: int
-    action_size: int
-    observation_scale: np.ndarray
-
-    def expert_action(self, observations: np.ndarray) -> np.ndarray: ...
-
-    def strata(self, observations: np.ndarray) -> np.ndarray:
-        """Phase of the task (n,), as small integers, that each observation belongs to."""
-        ...
-
-
 class BatchedEnvironment(Protocol):
     """What learning asks of an environment: `num_envs` simulations of one task that start and end together."""
 
     num_envs: int
-    task: Any
+    task: Any  # a `vic_toolbox.tasks.Task`
 
-    def reset(self, *, seed: Any = None, options: dict | None = None) -> tuple[np.ndarray, dict]: ...
+    def reset(self, *, seed: Any = None, options: dict | None = None) -> tuple[np.ndarray, dict]:
+        """Start an episode in every simulation; returns the observations (n, n_o)."""
+        ...
 
-    def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict]: ...
+    def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict]:
+        """Apply actions (n, n_a) for one policy step."""
+        ...
 
 
 @dataclass(frozen=True)

@@ -63,6 +63,7 @@ class Transfer:
 
     @property
     def finished(self) -> bool:
+        """Whether all iterations are done."""
         return int(self.iteration) >= self.configuration.iterations
 
     @torch.no_grad()

@@ -74,7 +74,9 @@ def fisher_product(
 
     def product(vector: torch.Tensor) -> torch.Tensor:
         tangent = policy.network.tangent(activations, vector).mul_(weight)
-        result = torch.cat([policy.network.gradient(activations, tangent), 2.0 * vector[-policy.action_size :]])
+        result = torch.cat(
+            [policy.network.gradient(activations, tangent), 2.0 * vector[-policy.action_size :]]
+        )
         return result.add_(vector, alpha=damping)
 
     return product

@@ -80,6 +80,10 @@ class Task(Protocol):
         """What an episode ended with: ``success`` (n,) and the figures behind it."""
         ...
 
+    def strata(self, observations: np.ndarray) -> np.ndarray:
+        """Part of the way, (...) small integers, that each observation belongs to; learning looks at all alike."""
+        ...
+
     def expert_action(self, observations: np.ndarray) -> np.ndarray:
         """The expert's action, (..., action_size)."""
         ...

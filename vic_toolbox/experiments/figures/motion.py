@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MultipleLocator
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
-from mpl_toolkits.mplot3d.axes3d import Axes3D
 
 from vic_toolbox.experiments.figures import style
 from vic_toolbox.experiments.trace import Trace
@@ -98,7 +98,7 @@ def paths(scenes: Mapping[str, Traces], *, plate_radius: float) -> Figure:
     scenes : scenario → traces, each with an "expert". plate_radius : of the disc under the goal [m].
     """
     with style.figure(9.0, 4.4) as drawing:
-        left, right = drawing.subfigures(1, 2, width_ratios=(1.5, 1.0))
+        left, right = drawing.subfigures(1, 2, width_ratios=(1.5, 1.0), squeeze=False)[0]
         axes = left.add_subplot(projection="3d")
         draw_paths(axes, scenes, plate_radius=plate_radius)
         grid = right.subplots(len(scenes), 1, squeeze=False, sharex=True)[:, 0]
@@ -114,7 +114,7 @@ def paths(scenes: Mapping[str, Traces], *, plate_radius: float) -> Figure:
     return drawing
 
 
-def draw_paths(axes: Axes3D, scenes: Mapping[str, Traces], *, plate_radius: float) -> None:
+def draw_paths(axes: Any, scenes: Mapping[str, Traces], *, plate_radius: float) -> None:
     """Draw paths, their shadows on the table, the plate and the robot's base into 3-D axes, to scale."""
     all_traces = [trace for traces in scenes.values() for trace in traces.values()]
     goal = all_traces[0].goal
@@ -149,7 +149,7 @@ def draw_paths(axes: Axes3D, scenes: Mapping[str, Traces], *, plate_radius: floa
         direction.line.set_color(style.GRID)
 
 
-def _disc(axes: Axes3D, centre: np.ndarray, radius: float, colour: str, label: str) -> None:
+def _disc(axes: Any, centre: np.ndarray, radius: float, colour: str, label: str) -> None:
     angle = np.linspace(0.0, 2.0 * np.pi, 60)
     rim = np.stack(
         [centre[0] + radius * np.cos(angle), centre[1] + radius * np.sin(angle), 0.0 * angle], axis=1

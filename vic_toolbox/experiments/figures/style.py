@@ -10,6 +10,7 @@ import contextlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import matplotlib
 import numpy as np
@@ -53,7 +54,7 @@ def look(name: str) -> Look:
     return Look(name, _SPARE[sum(name.encode()) % len(_SPARE)])
 
 
-RC = {
+RC: dict[Any, Any] = {
     "font.size": 9.0,
     "font.family": "DejaVu Sans",
     "text.color": INK,
