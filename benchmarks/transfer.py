@@ -44,6 +44,9 @@ PAPER = {
 }
 """Relative score differences that the paper reports (best three of five seeds)."""
 
+FIRST_SEED = 10
+"""Smaller seeds were used while the recipes were made; nothing that is reported comes from them."""
+
 FRESH_ITERATIONS = 120
 """Iterations of a transfer that begins with random weights; one that continues takes the recipe's number."""
 
@@ -177,7 +180,7 @@ def summarise(cells: list[Cell]) -> list[dict]:
     return table
 
 
-def markdown(table: list[dict], sweeps: list[Sweep], command: str) -> str:
+def markdown(table: list[dict], sweeps: dict[int, Sweep], command: str) -> str:
     """The tables as a page."""
     rows = list(dict.fromkeys(entry["row"] for entry in table))
     by_cell = {(entry["row"], entry["scenario"]): entry for entry in table}
@@ -196,7 +199,7 @@ def markdown(table: list[dict], sweeps: list[Sweep], command: str) -> str:
     ]
     lines += ["", "## Starts all around the arm, without transfer", ""]
     lines += ["| policy | seed | mean difference | worst | success |", "|---|---|---|---|---|"]
-    for seed, found in enumerate(sweeps):
+    for seed, found in sweeps.items():
         lines += [
             f"| {name} | {seed} | {entry['relative_difference_mean']:.3f} | {entry['relative_difference_worst']:.3f} "
             f"| {100 * entry['success_rate']:.0f} % |"
@@ -220,29 +223,30 @@ def main() -> None:
     )
     parser.add_argument("--out", type=Path, default=Path("runs/transfer"), help="folder of the runs")
     parser.add_argument("--results", type=Path, default=Path("docs/results"), help="folder of the tables")
-    parser.add_argument("--seeds", type=int, default=3, help="number of seeds, from 0")
+    parser.add_argument("--seeds", type=int, default=3, help=f"number of seeds, from {FIRST_SEED}")
     parser.add_argument("--jobs", type=int, default=os.cpu_count(), help="processes, one thread each")
     chosen = parser.parse_args()
+    seeds = range(FIRST_SEED, FIRST_SEED + chosen.seeds)
     work = [
         (job, chosen.out, action, seed)
-        for seed in range(chosen.seeds)
+        for seed in seeds
         for job, action in (
             (airl_cells, "gain"),
             (airl_cells, "force"),
             (cloning_cells, "gain"),
             (cloning_cells, "force"),
         )
-    ] + [(constant_cells, chosen.out, "gain", 0)]
+    ] + [(constant_cells, chosen.out, "gain", FIRST_SEED)]
     done = joblib.Parallel(n_jobs=chosen.jobs, verbose=5)(joblib.delayed(timed)(*job) for job in work)
     table = summarise([cell for cells, _ in done for cell in cells])
-    sweeps = [sweep(chosen.out, seed) for seed in range(chosen.seeds)]
-    sweeps[0].write(chosen.results / "starts")
+    sweeps = {seed: sweep(chosen.out, seed) for seed in seeds}
+    sweeps[FIRST_SEED].write(chosen.results / "starts")
     command = f"python -m benchmarks.transfer --seeds {chosen.seeds}"
     result = {
         "command": command,
         "processor_hours": sum(seconds for _, seconds in done) / 3600,
         "table": table,
-        "sweep": [found.summary() for found in sweeps],
+        "sweep": {seed: found.summary() for seed, found in sweeps.items()},
     }
     write_json(chosen.results / "cup_on_plate.json", result)
     write_atomically(chosen.results / "cup_on_plate.md", markdown(table, sweeps, command))

@@ -6,9 +6,8 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-import matplotlib
 import numpy as np
-from PIL import Image, ImageDraw, ImageFont
+from matplotlib.patches import Rectangle
 
 from vic_toolbox.errors import DependencyError
 from vic_toolbox.experiments.figures import motion, style
@@ -20,6 +19,8 @@ from vic_toolbox.tasks.rendering import Renderer, write_video
 
 FPS = 25
 WIDTH, HEIGHT, STRIP = 480, 420, 64  # of one panel, and of the strip below it [pixels]
+_DPI = 100
+_BAR = 0.76  # length of the stiffness bar, as a share of the width
 
 RENDERED = "Simulated arm at its real speed; the bar is the mean translational stiffness, from 60 to 200 N/m."
 DRAWN = (
@@ -57,10 +58,13 @@ def film(path: Path, traces: Mapping[str, Trace], task: Task) -> str:
 def _frames(
     traces: Mapping[str, Trace], step: int, picture: Callable[[str, int], np.ndarray]
 ) -> Iterator[np.ndarray]:
+    strips = {name: _Strip(name) for name in traces}
     for t in range(0, _arrival(traces) + 1, step):
-        yield np.concatenate(
-            [_panel(picture(name, t), name, trace, t) for name, trace in traces.items()], axis=1
-        )
+        panels = [
+            np.concatenate([picture(name, t), strips[name].picture(trace, t)])
+            for name, trace in traces.items()
+        ]
+        yield np.concatenate(panels, axis=1)
 
 
 def _arrival(traces: Mapping[str, Trace]) -> int:
@@ -73,31 +77,32 @@ def _arrival(traces: Mapping[str, Trace]) -> int:
     return min(max(late), length - 1)
 
 
-def _panel(picture: np.ndarray, name: str, trace: Trace, t: int) -> np.ndarray:
-    """The picture over a strip with name, time, distance and a bar of the stiffness."""
-    canvas = Image.new("RGB", (WIDTH, HEIGHT + STRIP), "white")
-    canvas.paste(Image.fromarray(picture), (0, 0))
-    pen = ImageDraw.Draw(canvas)
-    chosen = style.look(name)
-    colour = style.QUIET if name == "expert" else chosen.colour
-    pen.text((14, HEIGHT + 7), chosen.label, fill=colour, font=_font(18, bold=True))
-    told = f"{trace.time[t]:.2f} s    {1e3 * trace.distance[t]:.0f} mm to go"
-    pen.text((WIDTH - 14, HEIGHT + 10), told, fill=style.QUIET, font=_font(14), anchor="ra")
-    stiffness = float(trace.stiffness[t, :3].mean())
-    if stiffness > 0.0:
-        low, high = GAINS.minimum[0], GAINS.maximum[0]
-        left, right, top = 14, WIDTH - 96, HEIGHT + 40
-        end = left + (right - left) * (0.06 + 0.94 * np.clip((stiffness - low) / (high - low), 0.0, 1.0))
-        pen.rounded_rectangle((left, top, right, top + 10), 5, fill=style.GRID)
-        pen.rounded_rectangle((left, top, end, top + 10), 5, fill=colour)
-        pen.text((WIDTH - 14, top - 5), f"{stiffness:.0f} N/m", fill=style.INK, font=_font(15), anchor="ra")
-    return np.asarray(canvas)
+class _Strip:
+    """The line below a panel: name, time, distance to go, and a bar of the stiffness."""
 
+    def __init__(self, name: str):
+        colour = style.QUIET if name == "expert" else style.look(name).colour
+        with style.figure(WIDTH / _DPI, STRIP / _DPI) as drawing:
+            drawing.set_dpi(_DPI)
+            drawing.text(0.03, 0.86, style.look(name).label, color=colour, size=13, weight="bold", va="top")
+            self._told = drawing.text(0.97, 0.82, "", color=style.QUIET, size=10, ha="right", va="top")
+            self._stiffness = drawing.text(0.97, 0.26, "", size=11, ha="right", va="center")
+            for x, width, shade in ((0.03, _BAR, style.GRID), (0.03, 0.0, colour)):
+                self._bar = Rectangle((x, 0.18), width, 0.16, color=shade, transform=drawing.transFigure)
+                drawing.add_artist(self._bar)
+        self._drawing = drawing
 
-def _font(size: int, *, bold: bool = False) -> ImageFont.FreeTypeFont:
-    """The font of the figures; it ships with Matplotlib."""
-    name = "DejaVuSans-Bold.ttf" if bold else "DejaVuSans.ttf"
-    return ImageFont.truetype(str(Path(matplotlib.get_data_path()) / "fonts" / "ttf" / name), size)
+    def picture(self, trace: Trace, t: int) -> np.ndarray:
+        """The strip at one moment, (STRIP, WIDTH, 3)."""
+        self._told.set_text(f"{trace.time[t]:.2f} s    {1e3 * trace.distance[t]:.0f} mm to go")
+        stiffness = float(trace.stiffness[t, :3].mean())
+        if stiffness > 0.0:
+            low, high = GAINS.minimum[0], GAINS.maximum[0]
+            self._bar.set_width(
+                _BAR * (0.05 + 0.95 * float(np.clip((stiffness - low) / (high - low), 0.0, 1.0)))
+            )
+            self._stiffness.set_text(f"{stiffness:.0f} N/m")
+        return style.pixels(self._drawing)
 
 
 def _drawn(traces: Mapping[str, Trace]) -> Callable[[str, int], np.ndarray]:
@@ -112,7 +117,7 @@ def _drawn(traces: Mapping[str, Trace]) -> Callable[[str, int], np.ndarray]:
     }
     drawings = {}
     for name, trace in traces.items():
-        with style.figure(WIDTH / 100, HEIGHT / 100) as drawing:
+        with style.figure(WIDTH / _DPI, HEIGHT / _DPI) as drawing:
             axes: Any = drawing.add_subplot(projection="3d")
             motion.draw_paths(axes, {"start": {name: trace}}, plate_radius=PLATE_RADIUS)
             axes.set_zlim(0.0, 0.9)

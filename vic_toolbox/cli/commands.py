@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Annotated, Literal, Protocol, TypeVar
 import tyro
 from tyro.conf import FlagCreatePairsOff, Positional, Suppress, arg
 
+from vic_toolbox.cli.console import console_progress, print_result, print_sweep, print_table, say
 from vic_toolbox.errors import InputError
-from vic_toolbox.experiments.console import console_progress, print_result, print_sweep, print_table, say
 
 if TYPE_CHECKING:
     from vic_toolbox.experiments.skill import Skill

@@ -13,8 +13,9 @@ import tyro
 from tyro.conf import FlagCreatePairsOff
 
 import vic_toolbox
+from vic_toolbox.cli.commands import COMMANDS, Command, Train, Transfer
+from vic_toolbox.cli.console import complain, say
 from vic_toolbox.errors import InputError, VicError
-from vic_toolbox.experiments.commands import COMMANDS, Command, Train, Transfer
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -28,13 +29,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except VicError as error:
         if debug:
             raise
-        print(f"vic: error: {error}", file=sys.stderr)
+        complain(f"vic: error: {error}")
     except ModuleNotFoundError as error:
         if debug or (error.name or "").startswith("vic_toolbox"):
             raise
-        print(f"vic: error: {error}; install it with: pip install 'vic-toolbox[learn]'", file=sys.stderr)
+        complain(f"vic: error: {error}; install it with: pip install 'vic-toolbox[learn]'")
     except KeyboardInterrupt:
-        print(f"\nvic: stopped.{_how_to_go_on(line)}", file=sys.stderr)
+        complain(f"\nvic: stopped.{_how_to_go_on(line)}")
         return 130
     return 2
 
@@ -44,7 +45,7 @@ def _dispatch(line: list[str]) -> int:
         _print_help()
         return 0
     if line[0] == "--version":
-        print(f"vic_toolbox {vic_toolbox.__version__}")
+        say(f"vic_toolbox {vic_toolbox.__version__}")
         return 0
     if line[0] not in COMMANDS:
         raise InputError(f"{line[0]!r} is no command; choose one of: {', '.join(COMMANDS)}. See vic --help.")
@@ -67,11 +68,11 @@ def _parse(name: str, words: list[str]) -> Command:
 
 
 def _print_help() -> None:
-    print("usage: vic COMMAND [options]\n")
-    print("Variable impedance control: learn it from demonstrations, carry it over.\n")
+    say("usage: vic COMMAND [options]\n")
+    say("Variable impedance control: learn it from demonstrations, carry it over.\n")
     for name, command in COMMANDS.items():
-        print(f"  {name:<10} {(command.__doc__ or '').splitlines()[0]}")
-    print(
+        say(f"  {name:<10} {(command.__doc__ or '').splitlines()[0]}")
+    say(
         "\n  vic COMMAND --help   options of a command, with an example"
         "\n  vic --version        the version"
         "\n  --debug              with any command: show the traceback of an error"
@@ -88,8 +89,4 @@ def _how_to_go_on(line: list[str]) -> str:
 
 
 def _show_warning(message: Warning | str, *_: Any, **__: Any) -> None:
-    print(f"vic: warning: {message}", file=sys.stderr)
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+    complain(f"vic: warning: {message}")

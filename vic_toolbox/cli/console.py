@@ -29,6 +29,11 @@ def say(text: str) -> None:
     Console().print(text, markup=False, highlight=False, soft_wrap=True)
 
 
+def complain(text: str) -> None:
+    """Print plain text to standard error."""
+    Console(stderr=True).print(text, markup=False, highlight=False, soft_wrap=True)
+
+
 def print_result(row: Evaluation, folder: Path) -> None:
     """Print an evaluation in a line, and where its report is."""
     side = "worse" if row.signed_difference > 0 else "better"
