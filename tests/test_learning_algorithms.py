@@ -232,5 +232,13 @@ def test_expert_data_refuses_bad_splits():
     assert len(data.held_out[0]) == 12
     with pytest.raises(InputError, match="held_out"):
         ExpertData.from_trajectories(observations, actions, held_out=5, **given)
+    spoilt = observations.copy()
+    spoilt[3, 2, 1] = np.nan
+    with pytest.raises(InputError, match=r"\[3, 2, 1\]"):
+        ExpertData.from_trajectories(spoilt, actions, **given)
+    with pytest.raises(InputError, match="metres"):
+        ExpertData.from_trajectories(observations + 300.0, actions, **given)
+    with pytest.raises(InputError, match="shape"):
+        ExpertData.from_trajectories(observations[..., :3], actions, **given)
     with pytest.raises(InputError, match="agree"):
         ExpertData.from_trajectories(observations[:4], actions, **given)

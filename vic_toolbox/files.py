@@ -21,7 +21,8 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
 
     Raises
     ------
-    FileError : the folder or the file cannot be written; an earlier file of that name is untouched.
+    FileError
+        The folder or the file cannot be written; an earlier file of that name is untouched.
     """
     path = Path(path)
     temporary = None
@@ -60,7 +61,8 @@ def read_json(path: str | os.PathLike[str]) -> Any:
 
     Raises
     ------
-    FileError : the file is missing or not JSON.
+    FileError
+        The file is missing or not JSON.
     """
     try:
         return json.loads(Path(path).read_text())

@@ -22,11 +22,12 @@ WIDTH, HEIGHT, STRIP = 480, 420, 64  # of one panel, and of the strip below it [
 _DPI = 100
 _BAR = 0.76  # length of the stiffness bar, as a share of the width
 
-RENDERED = "Simulated arm at its real speed; the bar is the mean translational stiffness, from 60 to 200 N/m."
+RENDERED = "Simulated arm at its real speed."
 DRAWN = (
     "Drawn, not rendered: this machine has no OpenGL library ({reason}) The lines are the simulated arm's "
-    "links at their real speed; the bar is the mean translational stiffness, from 60 to 200 N/m."
+    "links at their real speed."
 )
+_BAR_LEGEND = " The bar is the mean translational stiffness, from 60 to 200 N/m."
 
 
 def film(path: Path, traces: Mapping[str, Trace], task: Task) -> str:
@@ -43,22 +44,23 @@ def film(path: Path, traces: Mapping[str, Trace], task: Task) -> str:
     FileError : the file cannot be written.
     """
     step = round(1.0 / (FPS * task.dt))
+    legend = _BAR_LEGEND if any(trace.stiffness.any() for trace in traces.values()) else ""
     try:
         renderer = Renderer(task.picture_spec(), width=WIDTH, height=HEIGHT)
     except DependencyError as error:
         write_video(path, _frames(traces, step, _drawn(traces)), fps=FPS)
-        return DRAWN.format(reason=error)
+        return DRAWN.format(reason=error) + legend
     with renderer:
         write_video(
             path, _frames(traces, step, lambda name, t: renderer.picture(traces[name].joints[t])), fps=FPS
         )
-    return RENDERED
+    return RENDERED + legend
 
 
 def _frames(
     traces: Mapping[str, Trace], step: int, picture: Callable[[str, int], np.ndarray]
 ) -> Iterator[np.ndarray]:
-    strips = {name: _Strip(name) for name in traces}
+    strips = {name: _Strip(name, bar=bool(trace.stiffness.any())) for name, trace in traces.items()}
     for t in range(0, _arrival(traces) + 1, step):
         panels = [
             np.concatenate([picture(name, t), strips[name].picture(trace, t)])
@@ -80,14 +82,14 @@ def _arrival(traces: Mapping[str, Trace]) -> int:
 class _Strip:
     """The line below a panel: name, time, distance to go, and a bar of the stiffness."""
 
-    def __init__(self, name: str):
+    def __init__(self, name: str, *, bar: bool):
         colour = style.QUIET if name == "expert" else style.look(name).colour
         with style.figure(WIDTH / _DPI, STRIP / _DPI) as drawing:
             drawing.set_dpi(_DPI)
             drawing.text(0.03, 0.86, style.look(name).label, color=colour, size=13, weight="bold", va="top")
             self._told = drawing.text(0.97, 0.82, "", color=style.QUIET, size=10, ha="right", va="top")
             self._stiffness = drawing.text(0.97, 0.26, "", size=11, ha="right", va="center")
-            for x, width, shade in ((0.03, _BAR, style.GRID), (0.03, 0.0, colour)):
+            for x, width, shade in ((0.03, _BAR * bar, style.GRID), (0.03, 0.0, colour)):
                 self._bar = Rectangle((x, 0.18), width, 0.16, color=shade, transform=drawing.transFigure)
                 drawing.add_artist(self._bar)
         self._drawing = drawing

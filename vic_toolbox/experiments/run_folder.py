@@ -69,12 +69,12 @@ class RunFolder:
         """
         folder = cls(Path(path), kind, json.loads(json.dumps(configuration)))
         folder._make()
+        folder._refuse_foreign_files()
         try:
             folder._acquire()
             if (folder.path / "config.json").exists():
                 folder._take_up(resume=resume)
             else:
-                folder._refuse_foreign_files()
                 write_json(folder.path / "config.json", folder._identity())
         except BaseException:
             folder.close()
@@ -207,8 +207,9 @@ class RunFolder:
             pass  # a file system without locks: two processes in one folder are then the user's care
 
     def _refuse_foreign_files(self) -> None:
-        foreign = sorted(entry.name for entry in self.path.iterdir() if not entry.name.startswith("."))
-        if foreign:
+        names = {entry.name for entry in self.path.iterdir()}
+        foreign = sorted(name for name in names if not name.startswith("."))
+        if foreign and "config.json" not in names:
             raise FileError(
                 f"{self.path} is not empty ({', '.join(foreign[:3])}{', ...' if len(foreign) > 3 else ''}) "
                 "and holds no run; choose a new or empty folder."

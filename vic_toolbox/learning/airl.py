@@ -73,8 +73,12 @@ class Airl:
 
     Parameters
     ----------
-    environment : the training task. expert : demonstrations, split into training and held-out rows.
-    seed : of initial weights, exploration, starts and minibatches: the same seed gives the same numbers.
+    environment
+        The training task.
+    expert
+        Demonstrations, split into training and held-out rows.
+    seed
+        Of initial weights, exploration, starts and minibatches: the same seed gives the same numbers.
     """
 
     def __init__(

@@ -31,7 +31,8 @@ def save_tensors(
 
     Raises
     ------
-    FileError : the file cannot be written (no space, no permission); an earlier file of that name is untouched.
+    FileError
+        The file cannot be written (no space, no permission); an earlier file of that name is untouched.
     """
     contiguous = {name: tensor.detach().contiguous().clone() for name, tensor in tensors.items()}
     metadata = {"format": FORMAT, "header": json.dumps(header)}
@@ -45,7 +46,8 @@ def load_tensors(
 
     Raises
     ------
-    FileError : the file is missing, truncated, of another format or kind, or holds non-finite weights.
+    FileError
+        The file is missing, truncated, of another format or kind, or holds non-finite weights.
     """
     path = Path(path)
     try:

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from vic_toolbox.errors import InputError
-from vic_toolbox.learning.networks import GaussianPolicy
+from vic_toolbox.errors import InputError, finite_array
+from vic_toolbox.learning.networks import LARGEST_INPUT, GaussianPolicy
 
 Rows = tuple[torch.Tensor, torch.Tensor]
 
@@ -41,13 +41,25 @@ class ExpertData:
 
         Raises
         ------
-        InputError : fewer than two trajectories beyond the held-out ones, or shapes that do not agree.
+        InputError
+            Fewer than two trajectories, shapes that do not agree, entries that are not finite, or observations far
+            beyond the task's scale (millimetres or degrees, perhaps).
         """
+        observations = finite_array(
+            "observations", observations, shape=(None, None, len(policy.observation_scale))
+        )
+        actions = finite_array("actions", actions, shape=(None, None, policy.action_size))
         count, length, _ = actions.shape
         if len(observations) != count or observations.shape[1] < length:
             raise InputError(
                 f"observations {observations.shape} and actions {actions.shape} do not agree; "
                 "expected (n, T or T+1, n_o) and (n, T, n_a)"
+            )
+        largest = float(np.abs(observations / policy.observation_scale).max(initial=0.0))
+        if largest > LARGEST_INPUT:
+            raise InputError(
+                f"an observation is {largest:.0f} times the task's scale; expected at most {LARGEST_INPUT:.0f} times. "
+                "Pass metres, radians and seconds"
             )
         if not 1 <= held_out < count:
             raise InputError(

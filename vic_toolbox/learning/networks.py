@@ -17,6 +17,9 @@ import torch
 
 from vic_toolbox.errors import InputError
 
+LARGEST_INPUT = 30.0
+"""Scaled observations are clipped here: a diverging simulation cannot produce infinite activations."""
+
 LOG_TWO_PI = math.log(2.0 * math.pi)
 ONE = torch.ones(())
 
@@ -43,11 +46,16 @@ class Mlp:
 
     Parameters
     ----------
-    sizes : widths of all layers, input first, e.g. `(12, 32, 32, 7)`.
-    activation : `"tanh"` or `"relu"`.
-    generator : source of the initial weights, N(0, 1/fan-in); biases start at zero.
-    output_scale : factor on the last layer's initial weights.
-    extra : trailing parameters of `theta` that belong to the owner (a policy's log standard deviations).
+    sizes
+        Widths of all layers, input first, e.g. `(12, 32, 32, 7)`.
+    activation
+        `"tanh"` or `"relu"`.
+    generator
+        Source of the initial weights, N(0, 1/fan-in); biases start at zero.
+    output_scale
+        Factor on the last layer's initial weights.
+    extra
+        Trailing parameters of `theta` that belong to the owner (a policy's log standard deviations).
     """
 
     def __init__(
@@ -128,9 +136,8 @@ class Mlp:
 class GaussianPolicy:
     """`π(a|o) = N(μ(o), diag σ²)`, μ a tanh network on the scaled observation, σ independent of the state.
 
-    `theta` holds the network's weights and, at its end, `log_std`. Observations are divided by
-    `observation_scale` and clipped at ±30 before they enter the network, so that a diverging simulation cannot
-    produce infinite activations.
+    `theta` holds the network's weights and, at its end, `log_std`. Observations are divided by `observation_scale` and
+    clipped to ± `LARGEST_INPUT` before they enter the network.
     """
 
     def __init__(
@@ -169,7 +176,7 @@ class GaussianPolicy:
 
     def scaled(self, observations: np.ndarray) -> torch.Tensor:
         """Network inputs (…, n_o) float32 of raw observations."""
-        scaled = np.clip(observations / self.observation_scale, -30.0, 30.0)
+        scaled = np.clip(observations / self.observation_scale, -LARGEST_INPUT, LARGEST_INPUT)
         return torch.from_numpy(np.ascontiguousarray(scaled, dtype=np.float32))
 
     def unscaled(self, inputs: torch.Tensor) -> np.ndarray:
@@ -181,7 +188,7 @@ class GaussianPolicy:
 
         Runs in NumPy on views of the weights; for the 20-40 rows of a control step this is twice as fast as torch.
         """
-        x = np.clip(observations / self.observation_scale, -30.0, 30.0).astype(np.float32)
+        x = np.clip(observations / self.observation_scale, -LARGEST_INPUT, LARGEST_INPUT).astype(np.float32)
         *hidden, (weight, bias) = self._numpy_layers()
         for hidden_weight, hidden_bias in hidden:
             x = np.tanh(x @ hidden_weight.T + hidden_bias)

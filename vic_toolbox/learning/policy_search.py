@@ -77,7 +77,12 @@ class PolicySearch:
 
     Parameters
     ----------
-    environment : batched environment of the task. policy : changed in place. seed : of exploration and starts.
+    environment
+        Batched environment of the task.
+    policy
+        Changed in place.
+    seed
+        Of exploration and starts.
     """
 
     def __init__(

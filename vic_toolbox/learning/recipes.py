@@ -28,7 +28,8 @@ def recipe(task: str, *, action: str, history: int) -> Recipe:
 
     Raises
     ------
-    InputError : no recipe for this task and action space.
+    InputError
+        No recipe for this task and action space.
     """
     try:
         chosen = _RECIPES[task, action]

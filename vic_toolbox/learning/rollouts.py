@@ -78,7 +78,10 @@ def generalised_advantages(
 
     Parameters
     ----------
-    rewards : (T, n). values : (T+1, n).
+    rewards
+        (T, n).
+    values
+        (T+1, n).
 
     Source: Schulman et al., "High-dimensional continuous control using generalized advantage estimation", ICLR 2016.
     """

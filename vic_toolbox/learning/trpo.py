@@ -96,8 +96,14 @@ def trpo_step(
 
     Parameters
     ----------
-    inputs : scaled observations (n, n_o). actions : as sampled, unclipped, (n, n_a). advantages : (n,).
-    divergence_limit : δ [nats].
+    inputs
+        Scaled observations (n, n_o).
+    actions
+        As sampled, unclipped, (n, n_a).
+    advantages
+        (n,).
+    divergence_limit
+        Δ [nats].
     """
     mean, activations = policy.network.forward(inputs)
     log_std = policy.log_std.clone()

@@ -1,0 +1,73 @@
+"""Tiny runs that the tests of experiments and of the command line share."""
+
+from __future__ import annotations
+
+import atexit
+import functools
+import shutil
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from vic_toolbox.experiments.configuration import (
+    DemonstrationConfiguration,
+    RunConfiguration,
+    default_configuration,
+)
+from vic_toolbox.experiments.training import train
+from vic_toolbox.experiments.transfer import transfer
+
+
+def tiny(method: str = "airl", *, iterations: int = 2, **options: Any) -> RunConfiguration:
+    """A run of seconds: two simulations, a few iterations, four demonstrations."""
+    run = default_configuration(
+        "cup-on-plate",
+        method,
+        episodes=2,
+        demonstrations=DemonstrationConfiguration(count=3, held_out=1),
+        **options,
+    )
+    airl, carried = run.recipe.airl, run.recipe.transfer
+    return replace(
+        run,
+        recipe=replace(
+            run.recipe,
+            airl=replace(
+                airl,
+                iterations=iterations,
+                search=replace(airl.search, environments=2),
+                discriminator=replace(airl.discriminator, steps=2, batch=64),
+            ),
+            transfer=replace(carried, iterations=2, search=replace(carried.search, environments=2)),
+            cloning=replace(run.recipe.cloning, steps=20, check_every=10),
+        ),
+    )
+
+
+@functools.cache
+def folder() -> Path:
+    """Where the shared runs live until the tests end."""
+    path = Path(tempfile.mkdtemp(prefix="vic-runs-"))
+    atexit.register(shutil.rmtree, path, ignore_errors=True)
+    return path
+
+
+@functools.cache
+def finished(method: str) -> Path:
+    """A finished run; read it, do not change it (see :func:`copy`)."""
+    train(tiny(method), folder() / method, threads=1)
+    return folder() / method
+
+
+@functools.cache
+def transferred() -> Path:
+    """A finished transfer of the AIRL run to T1."""
+    path = folder() / "airl-T1"
+    transfer(finished("airl"), "T1", path, episodes=2, threads=1)
+    return path
+
+
+def copy(run: Path, to: Path) -> Path:
+    """A copy of a run that a test may damage."""
+    return Path(shutil.copytree(run, to))
