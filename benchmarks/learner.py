@@ -69,7 +69,7 @@ def workload_of(configuration: AirlConfiguration) -> Workload:
         critic_learning_rate=search.critic.learning_rate,
         discriminator_steps=discriminator.steps,
         discriminator_batch=discriminator.batch,
-        discriminator_learning_rate=discriminator.learning_rate,
+        discriminator_learning_rate=configuration.learning_rate,
     )
 
 

@@ -158,45 +158,28 @@ command = law.impedance(start, rest, reference=here, gains=gains)
 print("torque at rest, on the reference:", command.torque.round(2), "Nm: gravity, and nothing else")
 
 # %% [markdown]
-# To feel it, close the loop and push. A few lines integrate the equation of motion above. A hand that
-# pushes with the wrench $w$ is $F_{ext} = -w$: the robot pushes back.
+# To feel it, close the loop and push. `simulate` integrates the equation of motion above under any
+# controller. A hand that pushes with the wrench $w$ is $F_{ext} = -w$: the robot pushes back.
 
 # %%
-STEP = 4e-3 if FAST else 2e-3  # [s]
+from vic_toolbox.control import simulate
 
-
-def simulate(model, q, torque, *, hand=None, seconds=1.5):
-    """t, q, v of an arm under torque(t, q, v) and a hand's wrench hand(t); midpoint rule."""
-
-    def acceleration(t, q, v):
-        total = torque(t, q, v) - model.bias(q, v)
-        if hand is not None:
-            total = total + np.vecmat(hand(t), model.jacobian(q))
-        return np.linalg.solve(model.mass_matrix(q), total[..., None])[..., 0]
-
-    times, states, v = STEP * np.arange(round(seconds / STEP)), [], np.zeros_like(q)
-    for t in times:
-        states.append((q, v))
-        middle = q + STEP / 2 * v, v + STEP / 2 * acceleration(t, q, v)
-        q, v = q + STEP * middle[1], v + STEP * acceleration(t + STEP / 2, *middle)
-    q, v = (np.array(column) for column in zip(*states, strict=True))
-    return times, q, v
+STEP = 4e-3  # [s]
 
 
 def pushed(gains, wrench, *, law=law, q=start, until=1.2, seconds=2.2):
     """Pose error over time (T, n, 6) of a batch of gains, with a hand that pushes from 0.1 s on."""
     reference = Reference(law.model.pose(q))
-    q = np.tile(q, (*gains.batch_shape, 1))
 
-    def hand(t):
-        return np.asarray(wrench) * (0.1 <= t < until)
+    def external(t, q, v):
+        return -np.asarray(wrench) * (0.1 <= t < until)
 
     def torque(t, q, v):
-        sensor = {} if law.inertia is None else {"external_wrench": -hand(t)}
+        sensor = {} if law.inertia is None else {"external_wrench": external(t, q, v)}
         return law.impedance(q, v, reference=reference, gains=gains, **sensor).torque
 
-    t, q, v = simulate(law.model, q, torque, hand=hand, seconds=seconds)
-    return t, law.error(q, v, reference=reference)[0]
+    motion = simulate(law.model, torque, q=q, duration=seconds, timestep=STEP, external_wrench=external)
+    return motion.time, motion.error(reference)[0]
 
 
 # %%
@@ -296,7 +279,7 @@ for name, damping in designs.items():
 # $\tfrac12 \dot e^{\mathsf T} \dot M(x) \dot e$.
 
 # %%
-from scipy.integrate import cumulative_trapezoid
+from scipy.integrate import cumulative_simpson
 
 from vic_toolbox.spatial import rotation_exp
 
@@ -307,12 +290,17 @@ lively = ImpedanceGains(stiffness, double_diagonalisation(stiffness, space.mass,
 def account(coriolis):
     """Kinetic, spring and dissipated energy over time [J], on the way from `start` to `away`."""
     law = CartesianLaw(model=arm, coriolis=coriolis)
-    t, q, v = simulate(arm, start, lambda t, q, v: law.impedance(q, v, reference=away, gains=lively).torque)
-    e, rate = law.error(q, v, reference=away)
-    kinetic = 0.5 * np.einsum("ti,tij,tj->t", rate, arm.operational_space(q, v).mass, rate)
+
+    def torque(t, q, v):
+        return law.impedance(q, v, reference=away, gains=lively).torque
+
+    motion = simulate(arm, torque, q=start, duration=1.5, timestep=STEP)
+    e, rate = motion.error(away)
+    mass = arm.operational_space(motion.q, motion.v).mass
+    kinetic = 0.5 * np.einsum("ti,tij,tj->t", rate, mass, rate)
     spring = 0.5 * np.einsum("ti,ij,tj->t", e, stiffness, e)
     power = np.einsum("ti,ij,tj->t", rate, lively.damping, rate)
-    return t, kinetic, spring, cumulative_trapezoid(power, t, initial=0.0)
+    return motion.time, kinetic, spring, cumulative_simpson(power, x=motion.time, initial=0.0)
 
 
 figure, (left, right) = plt.subplots(1, 2, figsize=(9.0, 3.1), width_ratios=(1.3, 1))
@@ -320,6 +308,7 @@ for coriolis, colour in (("exact", ORANGE), ("reference", BLUE)):
     t, *energies = account(coriolis)
     total = np.sum(energies, axis=0)
     right.plot(t, total - total[0], color=colour, label=f'coriolis="{coriolis}"')
+    print(f'coriolis="{coriolis}": {total[0]:.1f} J stored, {total[-1] - total[0]:.3f} J added by the motors')
 names = ("motion", "spring", "dissipated")
 left.stackplot(t, *energies, colors=("#e69f00", BLUE, "#cbd2d9"), labels=names)  # of the passive law
 left.set(title="the passive law: every joule is accounted for", ylabel="energy  [J]", xlim=(0, t[-1]))
@@ -405,9 +394,10 @@ def shortcut(t, q, v):
 
 figure, panels = plt.subplots(1, 3, figsize=(9.0, 3.1))
 for name, torque, colour in (("exact", exact, BLUE), ("shortcut, without J̇", shortcut, ORANGE)):
-    t, q, v = simulate(arm, reach, torque)
-    e, rate = law.error(q, v, reference=goal)
-    inertial = np.matvec(arm.operational_space(q, v).mass, np.gradient(rate, t, axis=0))
+    motion = simulate(arm, torque, q=reach, duration=1.5, timestep=STEP / 2)
+    t, (e, rate) = motion.time, motion.error(goal)
+    mass = arm.operational_space(motion.q, motion.v).mass
+    inertial = np.matvec(mass, np.gradient(rate, t, axis=0))
     residual = np.linalg.norm((inertial - feedback_wrench(e, rate, gains=fast))[:, :3], axis=1)
     residual[[0, 1, -1]] = np.nan  # one-sided differences
     panels[0].plot(t, np.linalg.norm(rate[:, :3], axis=1), color=colour)
@@ -629,12 +619,13 @@ def added(t, q, v):  # the same posture torque, without the projection
 figure = plt.figure(figsize=(9.0, 3.6))
 arms, drift = figure.add_subplot(121, projection="3d"), figure.add_subplot(122)
 for name, torque, colour in (("through N", projected, BLUE), ("without N", added, ORANGE)):
-    t, q, v = simulate(panda, panda.home, torque, seconds=3.0)
-    e, _ = without.error(q, v, reference=hold)
+    motion = simulate(panda, torque, q=panda.home, duration=3.0, timestep=STEP)
+    t, (e, _) = motion.time, motion.error(hold)
     drift.plot(t, 1e3 * np.linalg.norm(e[:, :3], axis=1), color=colour, label=name)
     if torque is projected:
         for shade, sample in zip((0.25, 0.45, 1.0), (0, len(t) // 20, -1), strict=True):
-            bones = np.array([panda.pose(q[sample], frame=link)[:3, 3] for link in panda.frame_names])
+            posture_then = motion.q[sample]
+            bones = np.array([panda.pose(posture_then, frame=link)[:3, 3] for link in panda.frame_names])
             arms.plot(*bones.T, "-o", color=BLUE, alpha=shade, lw=2.5, ms=4)
 arms.set(title="the elbow swings out, the hand stays", xlabel="x  [m]", ylabel="y  [m]", zlabel="z  [m]")
 arms.set(xlim=(-0.1, 0.4), ylim=(-0.3, 0.1), zlim=(0, 0.8), xticks=[0, 0.2, 0.4], yticks=[-0.2, 0])

@@ -1,4 +1,4 @@
-"""Arms, states and forward dynamics that the tests of the control law share."""
+"""Arms, states and accelerations that the tests of the control law share."""
 
 from __future__ import annotations
 
@@ -57,21 +57,6 @@ def random_reference(generator: np.random.Generator, pose: np.ndarray) -> Refere
         twist=0.3 * generator.normal(size=(count, 6)),
         acceleration=generator.normal(size=(count, 6)),
     )
-
-
-def joint_acceleration(
-    model: RobotModel,
-    q: np.ndarray,
-    v: np.ndarray,
-    *,
-    torque: np.ndarray,
-    external_wrench: np.ndarray | None = None,
-) -> np.ndarray:
-    """Joint acceleration by the articulated-body algorithm, (nv,); the environment pushes with −F_ext."""
-    data = model.pinocchio.createData()
-    if external_wrench is not None:
-        torque = torque - model.jacobian(q).T @ external_wrench
-    return pin.aba(model.pinocchio, data, q, v, torque).copy()
 
 
 def task_acceleration(

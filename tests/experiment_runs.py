@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import atexit
+import contextlib
 import functools
 import shutil
 import tempfile
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
+from vic_toolbox.experiments import run_report
 from vic_toolbox.experiments.configuration import (
     DemonstrationConfiguration,
     RunConfiguration,
@@ -53,10 +57,21 @@ def folder() -> Path:
     return path
 
 
+_draw = run_report._figures
+
+
+@contextlib.contextmanager
+def figures(*, drawn: bool) -> Iterator[None]:
+    """Reports with or without their figures, which take most of a tiny run's time."""
+    with mock.patch.object(run_report, "_figures", _draw if drawn else lambda *_: []):
+        yield
+
+
 @functools.cache
 def finished(method: str) -> Path:
-    """A finished run; read it, do not change it (see :func:`copy`)."""
-    train(tiny(method), folder() / method, threads=1)
+    """A finished run, AIRL's with figures; read it, do not change it (see :func:`copy`)."""
+    with figures(drawn=method == "airl"):
+        train(tiny(method), folder() / method, threads=1)
     return folder() / method
 
 
@@ -64,7 +79,8 @@ def finished(method: str) -> Path:
 def transferred() -> Path:
     """A finished transfer of the AIRL run to T1."""
     path = folder() / "airl-T1"
-    transfer(finished("airl"), "T1", path, episodes=2, threads=1)
+    with figures(drawn=True):
+        transfer(finished("airl"), "T1", path, episodes=2, threads=1)
     return path
 
 

@@ -4,17 +4,24 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.integrate import simpson
 
 from tests.arms import (
     ARMS,
     arm,
-    joint_acceleration,
     random_gains,
     random_reference,
     random_states,
     task_acceleration,
 )
-from vic_toolbox.control import CartesianLaw, Posture, Reference, feedback_wrench, feedforward_wrench
+from vic_toolbox.control import (
+    CartesianLaw,
+    Posture,
+    Reference,
+    feedback_wrench,
+    feedforward_wrench,
+    simulate,
+)
 from vic_toolbox.errors import InputError
 from vic_toolbox.gains import ImpedanceGains
 from vic_toolbox.models import RobotModel, SingularityWarning, available_robots, load_robot
@@ -38,14 +45,9 @@ class Case:
 
     def acceleration(self, torque: np.ndarray, push: np.ndarray | None = None) -> np.ndarray:
         """ẍ of every sample, (COUNT, 6)."""
-        rows = []
-        for i in range(COUNT):
-            wrench = None if push is None else push[i]
-            joint = joint_acceleration(
-                self.model, self.q[i], self.v[i], torque=torque[i], external_wrench=wrench
-            )
-            rows.append(task_acceleration(self.model, self.q[i], self.v[i], joint))
-        return np.array(rows)
+        joint = self.model.acceleration(self.q, self.v, torque, external_wrench=push)
+        states = zip(self.q, self.v, joint, strict=True)
+        return np.array([task_acceleration(self.model, *state) for state in states])
 
     def spring_and_damper(self) -> np.ndarray:
         """B ė + K e, (COUNT, 6)."""
@@ -182,35 +184,24 @@ def test_energy_only_leaves_through_the_damper_and_the_environment(name: str, mo
             acceleration=-25.0 * np.concatenate([offset, turn]) * phase,
         )
 
-    def derivative(t: float, state: np.ndarray) -> np.ndarray:
-        q, v = state[: model.nv], state[model.nv : -1]
-        torque = law.impedance(q, v, reference=reference(t), gains=gains).torque
-        _, rate = law.error(q, v, reference=reference(t))
-        leaving = rate @ gains.damping @ rate + rate @ push
-        second = joint_acceleration(model, q, v, torque=torque, external_wrench=push)
-        return np.concatenate([v, second, [leaving]])
-
-    def stored(t: float, state: np.ndarray) -> float:
-        q, v = state[: model.nv], state[model.nv : -1]
-        error, rate = law.error(q, v, reference=reference(t))
-        mass = model.operational_space(q, v).mass
-        return 0.5 * float(rate @ mass @ rate + error @ gains.stiffness @ error)
-
-    state, dt, steps = np.concatenate([model.home, np.zeros(model.nv + 1)]), 2e-3, 150
-    before = stored(0.0, state)
-    for k in range(steps):
-        state = _runge_kutta(derivative, k * dt, state, dt)
-    exchanged = state[-1]
-    assert abs(exchanged) > 0.1
-    assert stored(steps * dt, state) - before == pytest.approx(-exchanged, abs=1e-6)
-
-
-def _runge_kutta(derivative, t: float, state: np.ndarray, dt: float) -> np.ndarray:
-    first = derivative(t, state)
-    second = derivative(t + dt / 2, state + dt / 2 * first)
-    third = derivative(t + dt / 2, state + dt / 2 * second)
-    fourth = derivative(t + dt, state + dt * third)
-    return state + dt / 6 * (first + 2 * second + 2 * third + fourth)
+    motion = simulate(
+        model,
+        lambda t, q, v: law.impedance(q, v, reference=reference(t), gains=gains).torque,
+        q=model.home,
+        duration=0.3,
+        timestep=2e-3,
+        external_wrench=lambda t, q, v: push,
+    )
+    along = [reference(t) for t in motion.time]
+    poses, twists = (np.array([getattr(r, name) for r in along]) for name in ("pose", "twist"))
+    error, rate = motion.error(Reference(poses, twist=twists))
+    mass = model.operational_space(motion.q, motion.v).mass
+    stored = 0.5 * np.vecdot(rate, np.matvec(mass, rate)) + 0.5 * np.vecdot(
+        error, np.matvec(gains.stiffness, error)
+    )
+    leaving = simpson(np.vecdot(rate, np.matvec(gains.damping, rate)) + rate @ push, x=motion.time)
+    assert abs(leaving) > 0.1
+    assert stored[-1] - stored[0] == pytest.approx(-leaving, abs=1e-6)
 
 
 def test_exact_law_exchanges_energy_with_the_changing_mass() -> None:

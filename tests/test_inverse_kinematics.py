@@ -81,6 +81,22 @@ def test_out_of_reach_names_residual_reach_and_remedy():
     assert info.value.residual > 2.0 - 1.03
 
 
+@pytest.mark.parametrize(
+    ("position", "unit"),
+    [
+        ((600.0, -50.0, 300.0), "millimetres, divide it by 1000"),
+        ((60.0, -5.0, 30.0), "centimetres, divide it by 100"),
+    ],
+)
+def test_a_target_in_another_unit_is_recognised_at_once(position: tuple[float, float, float], unit: str):
+    arm = robot(FANUC)
+    with pytest.raises(ReachError, match=f"Positions are in metres; if this one is in {unit}"):
+        arm.inverse_kinematics(pose_from(position, TOOL_DOWN), attempts=10**9)
+    with pytest.raises(ReachError, match=unit):
+        arm.check_metres(position)
+    arm.check_metres([2.0, 0.0, 0.3])  # out of reach, but metres
+
+
 def test_a_wrong_orientation_names_its_remedy():
     with pytest.raises(ReachError, match="change the orientation"):
         robot(FANUC).inverse_kinematics(pose_from([0.99, 0, 0.33], TOOL_DOWN), attempts=5)

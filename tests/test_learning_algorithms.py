@@ -58,7 +58,8 @@ def test_the_discriminator_recovers_a_known_reward():
             (torch.cat([expert_o, expert_a], 1), normal(zero, width, expert_a), one_stratum),
             (torch.cat([policy_o, policy_a], 1), normal(zero, width, policy_a), one_stratum),
             slope_bound=1e9,
-            configuration=DiscriminatorConfiguration(steps=steps, learning_rate=rate, penalty=0.0),
+            learning_rate=rate,
+            configuration=DiscriminatorConfiguration(steps=steps, penalty=0.0),
             rng=np.random.default_rng(steps),
         )
     observations = torch.randn(2000, 2, generator=generator)
@@ -78,7 +79,13 @@ def test_the_slope_bound_bounds_the_slope():
     rest = torch.zeros(400), np.zeros(400, dtype=int)
     settings = DiscriminatorConfiguration(steps=800, batch=128)
     train_discriminator(
-        reward, (expert, *rest), (policy, *rest), slope_bound=1.0, configuration=settings, rng=rng
+        reward,
+        (expert, *rest),
+        (policy, *rest),
+        slope_bound=1.0,
+        learning_rate=2e-3,
+        configuration=settings,
+        rng=rng,
     )
     z = torch.lerp(policy, expert, torch.rand(400, 1)).requires_grad_()
     with torch.enable_grad():

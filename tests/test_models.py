@@ -256,6 +256,7 @@ def mujoco_model(model: RobotModel) -> mujoco.MjModel:
         spec.attach(read(model.tool_urdf_path), site=site, prefix="tool/")
     compiled = spec.compile()
     compiled.dof_armature[:] = model.armature
+    compiled.dof_damping[:] = compiled.dof_frictionloss[:] = 0  # some URDFs name them; no rigid-body term
     return compiled
 
 
@@ -277,6 +278,8 @@ def compare(model: RobotModel, count: int, *, tolerance: float) -> None:
     data = mujoco.MjData(compiled)
     body = body_id(compiled, model.frame)
     q, v = states(model, count)
+    generator = np.random.default_rng(1)
+    torque, wrench = generator.normal(size=(count, model.nv)), generator.normal(size=(count, 6))
     ours = {
         "M": model.mass_matrix(q),
         "C v + g": np.einsum("nij,nj->ni", model.coriolis_matrix(q, v), v) + model.gravity(q),
@@ -286,6 +289,7 @@ def compare(model: RobotModel, count: int, *, tolerance: float) -> None:
         "position": model.pose(q)[:, :3, 3],
         "rotation": model.pose(q)[:, :3, :3],
         "twist": model.twist(q, v),
+        "acceleration": model.acceleration(q, v, torque, external_wrench=wrench),
     }
     theirs: dict[str, list[np.ndarray]] = {name: [] for name in ours}
     for i in range(count):
@@ -302,6 +306,13 @@ def compare(model: RobotModel, count: int, *, tolerance: float) -> None:
         theirs["position"].append(data.xpos[body].copy())
         theirs["rotation"].append(data.xmat[body].reshape(3, 3).copy())
         theirs["twist"].append(jacobian @ v[i])
+        data.qfrc_applied[:] = torque[i]
+        mujoco.mj_applyFT(
+            compiled, data, -wrench[i, :3], -wrench[i, 3:], data.xpos[body], body, data.qfrc_applied
+        )
+        mujoco.mj_forward(compiled, data)
+        theirs["acceleration"].append(data.qacc.copy())
+        data.qfrc_applied[:] = 0
     for name, value in ours.items():
         np.testing.assert_allclose(value, theirs[name], atol=tolerance, rtol=0, err_msg=name)
 
@@ -409,6 +420,21 @@ def test_armature_adds_to_the_diagonal_of_the_mass_matrix(seed: int):
     assert np.linalg.eigvalsh(with_rotors).min() > 0.05
 
 
+@pytest.mark.parametrize("name", ARMS)
+@settings(max_examples=10, deadline=None)
+@given(seed=seeds)
+def test_acceleration_solves_the_equation_of_motion(name: str, seed: int):
+    """``M q̈ + C q̇ + g = τ − Jᵀ F_ext``, also for a wrench at another frame."""
+    model = robot(name)
+    (q,), (v,) = states(model, 1, seed=seed)
+    generator = np.random.default_rng(seed)
+    torque, wrench = generator.normal(size=model.nv), generator.normal(size=6)
+    for frame in (None, model.frame_names[3]):
+        acceleration = model.acceleration(q, v, torque, external_wrench=wrench, frame=frame)
+        balance = model.mass_matrix(q) @ acceleration + model.bias(q, v) + model.jacobian(q, frame).T @ wrench
+        np.testing.assert_allclose(balance, torque, atol=1e-8)
+
+
 # ----------------------------------------------------------------------------------- operational space
 
 
@@ -505,13 +531,14 @@ METHODS = [
     ("jacobian_dot", 2),
     ("pose", 1),
     ("twist", 2),
+    ("acceleration", 3),
 ]
 
 
 @pytest.mark.parametrize(("method", "arguments"), METHODS)
 def test_a_batch_is_its_samples(method: str, arguments: int):
     function = getattr(robot("panda"), method)
-    inputs = states(robot("panda"), 6)[:arguments]
+    inputs = [*states(robot("panda"), 6), np.random.default_rng(1).normal(size=(6, 7))][:arguments]
     single = np.stack([function(*(x[i] for x in inputs)) for i in range(6)])
     np.testing.assert_array_equal(function(*inputs), single)
     grid = function(*(x.reshape(2, 3, -1) for x in inputs))
@@ -541,6 +568,11 @@ def test_one_posture_goes_with_many_velocities():
     _, v = states(model, 4)
     assert model.bias(model.home, v).shape == (4, 6)
     assert model.operational_space(model.home, v).mass.shape == (4, 6, 6)
+    wrenches = np.random.default_rng(0).normal(size=(3, 6))
+    pushed = model.acceleration(model.home, v[0], np.zeros(6), external_wrench=wrenches)
+    assert pushed.shape == (3, 6)
+    one = model.acceleration(model.home, v[0], np.zeros(6), external_wrench=wrenches[1])
+    np.testing.assert_allclose(pushed[1], one, rtol=1e-12)
 
 
 @pytest.mark.parametrize(("method", "arguments"), METHODS)
@@ -552,13 +584,23 @@ def test_bad_states_are_refused(method: str, arguments: int, bad):
     for position in range(arguments):
         inputs = [np.zeros(6)] * arguments
         inputs[position] = bad
-        with pytest.raises(InputError, match=f"^{'qv'[position]}"):
+        with pytest.raises(InputError, match="^" + ("q", "v", "torque")[position]):
             function(*inputs)
 
 
 def test_batches_that_do_not_fit_are_refused():
     with pytest.raises(InputError, match="equal batches"):
         robot(FANUC).bias(np.zeros((2, 6)), np.zeros((3, 6)))
+    with pytest.raises(InputError, match=r"external_wrench \(3,\)"):
+        robot(FANUC).acceleration(*np.zeros((3, 2, 6)), external_wrench=np.zeros((3, 6)))
+
+
+@pytest.mark.parametrize("bad", [np.zeros(3), np.full(6, np.inf), "push"])
+def test_bad_wrenches_are_refused(bad):
+    with pytest.raises(InputError, match="external_wrench"):
+        robot(FANUC).acceleration(*np.zeros((3, 6)), external_wrench=bad)
+    with pytest.raises(ModelError, match="nose"):
+        robot(FANUC).acceleration(*np.zeros((3, 6)), external_wrench=np.zeros(6), frame="nose")
 
 
 def test_unknown_frames_are_refused_with_the_known_ones():

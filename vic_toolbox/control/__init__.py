@@ -1,11 +1,13 @@
 """Control of an arm's end-effector: the impedance law, the force law, nullspaces and designed experts.
 
 The NumPy law (:mod:`~vic_toolbox.control.law`) is the reference; :mod:`~vic_toolbox.control.compiled` is the
-same law as compiled code for a simulator, and is imported only where it is needed.
+same law as compiled code for a simulator, and is imported only where it is needed. What a law does to an arm
+shows :mod:`~vic_toolbox.control.closed_loop`.
 """
 
 from __future__ import annotations
 
+from vic_toolbox.control.closed_loop import Motion, simulate
 from vic_toolbox.control.experts import ConstantGains, Expert, ThreePhaseExpert
 from vic_toolbox.control.law import CartesianLaw, Command, Reference, feedback_wrench, feedforward_wrench
 from vic_toolbox.control.nullspace import Posture, dynamically_consistent_inverse, nullspace_projector
@@ -15,6 +17,7 @@ __all__ = [
     "Command",
     "ConstantGains",
     "Expert",
+    "Motion",
     "Posture",
     "Reference",
     "ThreePhaseExpert",
@@ -22,4 +25,5 @@ __all__ = [
     "feedback_wrench",
     "feedforward_wrench",
     "nullspace_projector",
+    "simulate",
 ]

@@ -199,7 +199,7 @@ def _row(task: Task, policy: Policy, own: Episodes, expert: Episodes, seed: int)
     signed = (expert_score - score) / abs(expert_score)
     return Evaluation(
         task=task.name,
-        scenario=scenario_label(task.scenario),
+        scenario=scenario_label(task),
         method=policy.method,
         transfer=policy.transfer,
         action=task.action,
@@ -218,6 +218,9 @@ def _row(task: Task, policy: Policy, own: Episodes, expert: Episodes, seed: int)
     )
 
 
-def scenario_label(scenario: Any) -> str:
-    """The scenario's name; a start of the user's own is written out."""
-    return scenario.name if scenario.name != "custom" else ",".join(f"{x:g}" for x in scenario.start)
+def scenario_label(task: Task) -> str:
+    """The name of the task's scenario; a start of the user's own is written out as "x,y,z" [m], to a micrometre."""
+    scenario = task.scenario
+    if scenario.name in task.scenarios:
+        return scenario.name
+    return ",".join(f"{x:.6f}".rstrip("0").rstrip(".") for x in scenario.start)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from matplotlib.patches import Rectangle
 
-from vic_toolbox.errors import DependencyError
+from vic_toolbox.errors import DependencyError, InputError
 from vic_toolbox.experiments.figures import motion, style
 from vic_toolbox.experiments.trace import Trace
 from vic_toolbox.tasks import Task
@@ -41,8 +41,10 @@ def film(path: Path, traces: Mapping[str, Trace], task: Task) -> str:
 
     Raises
     ------
-    FileError : the file cannot be written.
+    InputError : the name does not end in ``.mp4``. FileError : the file cannot be written.
     """
+    if path.suffix != ".mp4":
+        raise InputError(f"the film's name is {str(path)!r}; it must end in .mp4.")
     step = round(1.0 / (FPS * task.dt))
     legend = _BAR_LEGEND if any(trace.stiffness.any() for trace in traces.values()) else ""
     try:

@@ -94,7 +94,7 @@ def run_to_end(
             metrics: dict[str, Any] = learner.iterate()
             _check_finite(metrics)
             done = metrics["iteration"]
-            checkpoint = done % every == 0 or learner.finished or interrupted()
+            checkpoint = done % every == 0 or learner.finished
             if checkpoint or done == 1:
                 score = metrics["mean_score"] = mean_score()
             used += time.perf_counter() - began
@@ -104,6 +104,7 @@ def run_to_end(
             ahead = learner.configuration.iterations - int(learner.iteration)
             progress.update(done, total=done + ahead, score=score)
             if interrupted():
+                folder.save_checkpoint(learner.state(), done)
                 raise KeyboardInterrupt
     return learner.finished
 

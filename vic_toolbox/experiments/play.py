@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from vic_toolbox.errors import DependencyError, InputError, integer
+from vic_toolbox.errors import DependencyError, integer
 from vic_toolbox.experiments.evaluation import START_NOISE
 from vic_toolbox.experiments.film import film
 from vic_toolbox.experiments.skill import Skill
@@ -21,8 +21,6 @@ def film_skill(skill: Skill, scenario: str | None, path: Path) -> str:
     InputError : the name does not end in ``.mp4``, or the scenario cannot be used. FileError : it cannot be
     written.
     """
-    if path.suffix != ".mp4":
-        raise InputError(f"the film's name is {str(path)!r}; it must end in .mp4.")
     task = skill.task(scenario)
     traces = {
         "expert": record_trace(task, task.expert_action),

@@ -69,7 +69,7 @@ class ConsoleProgress(Progress):
         if self._bars:
             self._bar = self._bars.add_task(title, total=total, score=self._expert)
         else:
-            self.console.print(f"{title} ...", highlight=False)
+            self.console.print(f"{title} ...", markup=False, highlight=False)
 
     def update(self, done: int, *, total: int | None = None, score: float | None = None) -> None:
         """Move the bar, or print a line once in a while."""
@@ -84,11 +84,11 @@ class ConsoleProgress(Progress):
         elif time.monotonic() - self._spoke >= self._interval:
             self._spoke = time.monotonic()
             parts = [f"  {done}/{self._total}", told, self._time_left()]
-            self.console.print(", ".join(part for part in parts if part), highlight=False)
+            self.console.print(", ".join(part for part in parts if part), markup=False, highlight=False)
 
     def say(self, text: str) -> None:
         """Print above the bars."""
-        self.console.print(text, highlight=False)
+        self.console.print(text, markup=False, highlight=False)
 
     def close(self) -> None:
         """End the last stage and the bars."""
@@ -103,7 +103,9 @@ class ConsoleProgress(Progress):
             self._bars.stop_task(self._bar)
             self._bar = None
         elif self._title and not self._bars:
-            self.console.print(f"  done in {time.monotonic() - self._began:.0f} s", highlight=False)
+            self.console.print(
+                f"  done in {time.monotonic() - self._began:.0f} s", markup=False, highlight=False
+            )
         self._title = ""
 
     def _time_left(self) -> str:
@@ -117,7 +119,7 @@ class ConsoleProgress(Progress):
 def _bars(console: Console) -> Bars:
     return Bars(
         SpinnerColumn(finished_text="[green]✓"),
-        TextColumn("{task.description}"),
+        TextColumn("{task.description}", markup=False),
         BarColumn(bar_width=24),
         MofNCompleteColumn(),
         TextColumn("[cyan]{task.fields[score]}"),

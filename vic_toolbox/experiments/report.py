@@ -11,6 +11,7 @@ from string import Template
 from typing import Any
 
 import vic_toolbox
+from vic_toolbox.errors import FileError
 from vic_toolbox.files import write_atomically
 
 _PAGE = Path(__file__).parent / "report.html.template"
@@ -160,4 +161,8 @@ def _section(title: str, content: str) -> str:
 
 
 def _embedded(path: Path, kind: str) -> str:
-    return f"data:{kind};base64,{base64.b64encode(path.read_bytes()).decode()}"
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise FileError(f"{path} cannot be read ({error}); draw it again.") from error
+    return f"data:{kind};base64,{base64.b64encode(content).decode()}"

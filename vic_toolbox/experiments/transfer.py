@@ -57,11 +57,11 @@ def transfer(
     progress = progress or Progress()
     skill = load_skill(source)
     frozen = _reward(skill, reward, seed)
-    task = skill.task(scenario)
+    task = skill.task(scenario_label(skill.task(scenario)))  # the start as config.json can hold it
     run = TransferRunConfiguration(
         source=skill.run,
         source_weights=fingerprint(skill),
-        scenario=scenario_label(task.scenario),
+        scenario=scenario_label(task),
         transfer=replace(settings or skill.run.recipe.transfer, fresh=fresh),
         reward=one_of("reward", reward, REWARDS),  # type: ignore[arg-type]
         seed=seed,

@@ -5,7 +5,7 @@ rollouts with it, take one TRPO step. Three things are added to the textbook alg
 deterministic expert, and all decided without looking at a task's score:
 
 * expert actions carry Gaussian noise, drawn anew each iteration, so that a density ratio exists;
-* the slope bound, the trust region and that noise are *sharpened* (moved geometrically to their final values) once
+* the slope bound, the trust region, the reward's step size and that noise are *sharpened* (moved geometrically to their final values) once
   the action error on held-out expert states is small, not at a fixed iteration;
 * a run whose held-out action error stays large is restarted from new weights; the best policy and its reward by
   that error are kept.
@@ -46,6 +46,10 @@ class AirlConfiguration:
     """Bound L on ‖∂r/∂z‖ before sharpening."""
     slope_bound_final: float = 8.0
     """Bound L on ‖∂r/∂z‖ after sharpening."""
+    learning_rate: float = 3e-3
+    """Adam step size of the reward before sharpening."""
+    learning_rate_final: float = 3e-4
+    """Adam step size of the reward after sharpening."""
     expert_noise: float = 0.2
     """Standard deviation of the noise on expert actions before sharpening (normalised action)."""
     expert_noise_final: float = 0.05
@@ -182,6 +186,7 @@ class Airl:
             (expert, self._log_probability(policy, expert), self.expert_strata),
             (own, torch.cat([batch.log_probability, self._log_probability(policy, kept)]), own_strata),
             slope_bound=self._sharpened(settings.slope_bound, settings.slope_bound_final),
+            learning_rate=self._sharpened(settings.learning_rate, settings.learning_rate_final),
             configuration=settings.discriminator,
             rng=rng,
         )

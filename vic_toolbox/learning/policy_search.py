@@ -30,9 +30,9 @@ class PolicySearchConfiguration:
     """Units of each of the policy's and the critic's two hidden layers."""
     log_std: float = -0.5
     """Initial logarithm of the policy's standard deviation (normalised action)."""
-    discount: float = 0.95
+    discount: float = 0.9
     """Discount factor γ."""
-    trace: float = 0.97
+    trace: float = 0.8
     """Decay λ of the generalised advantages."""
     entropy_weight: float = 1.0
     """Weight w of −log π in the objective."""

@@ -26,12 +26,10 @@ from vic_toolbox.learning.networks import Mlp
 class DiscriminatorConfiguration:
     """Settings of the discriminator's update."""
 
-    steps: int = 20
+    steps: int = 40
     """Adam steps an iteration."""
     batch: int = 512
     """Expert rows and as many policy rows in a step."""
-    learning_rate: float = 2e-3
-    """Adam step size."""
     penalty: float = 10.0
     """Weight λ of the slope penalty; 0 leaves the slope free (plain AIRL)."""
 
@@ -115,6 +113,7 @@ def train_discriminator(
     policy: Samples,
     *,
     slope_bound: float,
+    learning_rate: float,
     configuration: DiscriminatorConfiguration,
     rng: np.random.Generator,
 ) -> dict[str, float]:
@@ -124,7 +123,7 @@ def train_discriminator(
     (n,). Minibatches draw every stratum equally often, so that a short phase of the task teaches as much as a long one.
     """
     network, optimiser, batch = reward.network, reward.optimiser, configuration.batch
-    optimiser.param_groups[0]["lr"] = configuration.learning_rate
+    optimiser.param_groups[0]["lr"] = learning_rate
     label = torch.cat([torch.ones(batch), torch.zeros(batch)])
     shape = (configuration.steps, batch)
     expert_rows, policy_rows = (stratified_rows(strata, shape, rng) for strata in (expert[2], policy[2]))

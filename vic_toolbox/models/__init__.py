@@ -12,8 +12,9 @@ from vic_toolbox.models.catalogue import (
     find_robot,
     robots_directory,
 )
+from vic_toolbox.models.load import load_robot
 from vic_toolbox.models.operational_space import OperationalSpace, SingularityWarning
-from vic_toolbox.models.robot import RobotModel, load_robot
+from vic_toolbox.models.robot import RobotModel
 
 __all__ = [
     "OperationalSpace",

@@ -18,6 +18,9 @@ LARGEST_STEP = 0.5
 SEARCH_RANGE = np.pi
 """Random starts of a joint without limits lie within ± this [rad]."""
 
+UNIT_MISTAKE = 3.0
+"""Multiple of the arm's reach beyond which a target was hardly meant in metres."""
+
 
 def solve(
     model: pin.Model, frame: int, target: Array, *, starts: Iterable[Array], tolerance: float, iterations: int
@@ -91,6 +94,27 @@ def reach_bound(model: pin.Model, frame: int) -> tuple[Array, float]:
             index = model.joints[joint].idx_q
             radius += max(abs(model.lowerPositionLimit[index]), abs(model.upperPositionLimit[index]))
     return model.jointPlacements[chain[0]].translation, float(radius)
+
+
+def refuse_other_units(model: pin.Model, frame: int, position: Array) -> None:
+    """Refuse a position (3,) [m] that is farther away than :data:`UNIT_MISTAKE` times the reach.
+
+    Raises
+    ------
+    ReachError
+        The message names the unit that the position looks like.
+    """
+    centre, radius = reach_bound(model, frame)
+    distance = float(np.linalg.norm(position - centre))
+    if distance <= UNIT_MISTAKE * radius:
+        return
+    # An arm works between a tenth of its reach and all of it.
+    unit, factor = ("centimetres", 100) if distance <= 100 * radius else ("millimetres", 1000)
+    raise ReachError(
+        f"the position ({', '.join(f'{x:g}' for x in position)}) lies {distance:.3g} m from the first joint, "
+        f"and {model.frames[frame].name} reaches at most {radius:.3g} m. Positions are in metres; if this one "
+        f"is in {unit}, divide it by {factor}."
+    )
 
 
 def _step(model: pin.Model, data: pin.Data, frame: int, q: Array, error: Array) -> Array:

@@ -10,11 +10,12 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from vic_toolbox.errors import Array, InputError, ModelError, array_within, finite_array, integer, positive
+from vic_toolbox.errors import Array, ModelError, array_within, common_batch, finite_array, integer, positive
 from vic_toolbox.models import inverse_kinematics
 from vic_toolbox.models.catalogue import RobotDescription, find_robot
 from vic_toolbox.models.home import choose_home
 from vic_toolbox.models.operational_space import OperationalSpace, operational_space
+from vic_toolbox.models.samples import map_samples, same_batch
 from vic_toolbox.models.urdf import attach_tool, read_arm
 from vic_toolbox.spatial import check_pose
 
@@ -22,7 +23,7 @@ WORLD_AXES = pin.LOCAL_WORLD_ALIGNED
 
 
 class RobotModel:
-    """Rigid-body model of a fixed-base serial arm, maybe with a tool; :func:`load_robot` makes it.
+    """Rigid-body model of a fixed-base serial arm, maybe with a tool, as ``load_robot`` makes it.
 
     Every numeric method takes one sample, ``q`` of shape (nq,), or a batch (..., nq), and returns results
     with the same leading dimensions. Units are SI, twists and wrenches are linear first, in world axes at the
@@ -106,7 +107,7 @@ class RobotModel:
         Raises
         ------
         InputError, FileError, ModelError
-            As :func:`load_robot`.
+            As :func:`vic_toolbox.models.load_robot`.
         """
         return RobotModel(self._description, find_robot(tool, "tool"), frame=frame, armature=self.armature)
 
@@ -125,6 +126,45 @@ class RobotModel:
     def bias(self, q: ArrayLike, v: ArrayLike) -> Array:
         """``C(q, q̇) q̇ + g(q)``, (nv,) [Nm]; ``M q̈ + bias = τ`` in free motion."""
         return self._evaluate(self._bias, q, v)
+
+    def acceleration(
+        self,
+        q: ArrayLike,
+        v: ArrayLike,
+        torque: ArrayLike,
+        *,
+        external_wrench: ArrayLike | None = None,
+        frame: str | None = None,
+    ) -> Array:
+        """Forward dynamics ``q̈ = M⁻¹ (τ − Jᵀ F_ext − C q̇ − g)``, (nv,) [rad/s²], by articulated bodies.
+
+        Parameters
+        ----------
+        q, v, torque : array_like, shape (..., nv)
+            Joint angles [rad], speeds [rad/s] and torques τ [Nm].
+        external_wrench : array_like, shape (..., 6), optional
+            F_ext that the robot exerts on its environment at the frame, world axes; a hand that pushes with
+            the wrench w makes it −w.
+        frame : str, optional
+            Where `external_wrench` acts; the end-effector by default.
+
+        Raises
+        ------
+        InputError
+            Wrong shapes, values that are not finite, or batches that do not fit each other.
+        ModelError
+            Unknown frame.
+
+        References
+        ----------
+        R. Featherstone, "Rigid Body Dynamics Algorithms", Springer, 2008, section 7.3.
+        """
+        q, v, torque = self._states(q, v, torque)
+        if external_wrench is not None:
+            wrench = finite_array("external_wrench", external_wrench, shape=(..., 6))
+            common_batch(q=q.shape[:-1], external_wrench=wrench.shape[:-1])
+            torque = torque - np.vecmat(wrench, self.jacobian(q, frame))
+        return self._evaluate(self._acceleration, q, v, torque)
 
     def jacobian(self, q: ArrayLike, frame: str | None = None) -> Array:
         """``J(q)``, (6, nv): ``[v; ω] = J q̇`` at the frame's origin, world axes."""
@@ -150,13 +190,13 @@ class RobotModel:
         """Dynamics at the frame, M(x), C(x,ẋ)ẋ and G(x): :func:`vic_toolbox.models.operational_space`."""
         index = self._index(frame)
         states = q, v = self._states(q, v)
-        gravity = _map(self._gravity, q)
+        gravity = map_samples(self._gravity, q)
         return operational_space(
-            _map(self._mass, q),
-            _map(self._bias, *states) - gravity,
+            map_samples(self._mass, q),
+            map_samples(self._bias, *states) - gravity,
             gravity=gravity,
-            jacobian=_map(lambda q: self._jacobian(q, index), q),
-            jacobian_dot=_map(lambda q, v: self._jacobian_dot(q, v, index), *states),
+            jacobian=map_samples(lambda q: self._jacobian(q, index), q),
+            jacobian_dot=map_samples(lambda q, v: self._jacobian_dot(q, v, index), *states),
             velocity=v,
         )
 
@@ -198,11 +238,13 @@ class RobotModel:
         Raises
         ------
         ReachError
-            No solution found; the message names the residual, the reach and what to change.
+            No solution found; the message names the residual, the reach and what to change. A position that
+            can only be meant in another unit is refused at once.
         InputError
             `pose` is not one pose, or another argument is out of range.
         """
         target = check_pose("pose", finite_array("pose", pose, shape=(4, 4)))
+        self.check_metres(target[:3, 3], frame=frame)
         first = self.home if start is None else finite_array("start", start, shape=(self.nq,))
         count = integer("attempts", attempts, low=1)
         generator = np.random.default_rng(integer("seed", seed, low=0))
@@ -214,6 +256,17 @@ class RobotModel:
             tolerance=positive("tolerance", tolerance),
             iterations=100,
         )
+
+    def check_metres(self, position: ArrayLike, *, frame: str | None = None) -> None:
+        """Refuse a position (3,) of the frame so far away that it was not meant in metres.
+
+        Raises
+        ------
+        ReachError
+            It lies farther from the first joint than three times the arm's reach.
+        """
+        point = finite_array("position", position, shape=(3,))
+        inverse_kinematics.refuse_other_units(self.pinocchio, self._index(frame), point)
 
     def random_postures(self, generator: np.random.Generator, count: int) -> Array:
         """Uniform postures within the limits, (count, nq) [rad]; endless joints within ± π."""
@@ -230,6 +283,9 @@ class RobotModel:
     def _bias(self, q: Array, v: Array) -> Array:
         return pin.nonLinearEffects(self.pinocchio, self._data, q, v)
 
+    def _acceleration(self, q: Array, v: Array, torque: Array) -> Array:
+        return pin.aba(self.pinocchio, self._data, q, v, torque)
+
     def _jacobian(self, q: Array, index: int) -> Array:
         return pin.computeFrameJacobian(self.pinocchio, self._data, q, index, WORLD_AXES)
 
@@ -243,83 +299,16 @@ class RobotModel:
         return pin.updateFramePlacement(self.pinocchio, self._data, index).homogeneous
 
     def _states(self, *states: ArrayLike) -> list[Array]:
-        """Check q, or q and q̇, and bring them to one batch shape."""
-        arrays = [finite_array(name, x, shape=(..., self.nq)) for name, x in zip("qv", states, strict=False)]
-        if len(arrays) == 1 or arrays[0].shape == arrays[1].shape:
-            return arrays
-        try:
-            return list(np.broadcast_arrays(*arrays))
-        except ValueError:
-            shapes = " and ".join(str(x.shape) for x in arrays)
-            raise InputError(f"q and v have shapes {shapes}; pass equal batches, or one sample.") from None
+        return same_batch(dict(zip(("q", "v", "torque"), states, strict=False)), size=self.nq)
 
     def _evaluate(self, kernel: Callable[..., Array], *states: ArrayLike) -> Array:
-        return _map(kernel, *self._states(*states))
+        return map_samples(kernel, *self._states(*states))
 
     def _index(self, frame: str | None) -> int:
         name = self.frame if frame is None else frame
         if name not in self._frames:
             raise ModelError(f"{self.name} has no frame {name!r}; choose one of: {', '.join(self._frames)}.")
         return self._frames[name]
-
-
-def load_robot(
-    name: str | Path,
-    *,
-    tool: str | Path | None = None,
-    frame: str | None = None,
-    armature: ArrayLike | None = None,
-) -> RobotModel:
-    """Load a serial arm, maybe with a tool.
-
-    Parameters
-    ----------
-    name : str or Path
-        A name from :func:`available_robots` (``"fanuc_lrmate200id7l"``, ``"panda"``, ``"ur5"``), or the path
-        of a URDF, or of a folder with a ``robot.toml``. The fingers of an arm that has them are locked.
-    tool : str or Path, optional
-        A tool of the catalogue (``"cup_gripper"``) or the path of a rigid URDF; its root link goes to the
-        arm's mount.
-    frame : str, optional
-        End-effector; by default the tool's, else the arm's.
-    armature : array_like, shape (nv,), optional
-        Rotor inertia on the joint side [kg m²], instead of the described one.
-
-    Returns
-    -------
-    RobotModel
-
-    Raises
-    ------
-    InputError
-        Unknown name, or an armature that is none.
-    FileError
-        The path leads nowhere.
-    ModelError
-        The URDF holds no serial arm, the tool is not rigid, or a frame is unknown.
-
-    Examples
-    --------
-    >>> arm = load_robot("fanuc_lrmate200id7l", tool="cup_gripper")
-    >>> arm
-    RobotModel(fanuc_lrmate200id7l with cup_gripper, 6 joints, end-effector cup_bottom)
-    >>> float(arm.pose(arm.home)[2, 3].round(3))
-    0.509
-    """
-    carried = find_robot(tool, "tool") if tool is not None else None
-    return RobotModel(find_robot(name), carried, frame=frame, armature=armature)
-
-
-def _map(kernel: Callable[..., Array], *states: Array) -> Array:
-    """Apply a kernel of single samples to every sample of a batch."""
-    first = states[0]
-    if first.ndim == 1:
-        return kernel(*states)
-    batch = first.shape[:-1]
-    rows = zip(*(state.reshape(-1, first.shape[-1]) for state in states), strict=True)
-    results = [kernel(*row) for row in rows] or [kernel(*(np.zeros(first.shape[-1]) for _ in states))]
-    stacked = np.stack(results)[: int(np.prod(batch))]
-    return stacked.reshape(*batch, *stacked.shape[1:])
 
 
 def _links(model: pin.Model) -> dict[str, int]:

@@ -82,9 +82,10 @@ def start_angles(start: tuple[float, float, float]) -> Array:
     InputError
         The cup would start in the table or the plate, or pass through the arm's base on its way.
     ReachError
-        Out of reach with the tool down, or next to a joint limit or a singularity.
+        Out of reach with the tool down, next to a joint limit or a singularity, or not in metres.
     """
     position = np.array(start)
+    robot().check_metres(position)
     _check_room(position)
     like = np.array([np.arctan2(start[1], start[0]), 0.3, -0.3, 0.0, -1.2, 0.0])
     angles = start_posture(robot(), position, rotation=TOOL_DOWN, like=like)

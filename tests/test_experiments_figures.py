@@ -1,0 +1,226 @@
+"""Figures, films, reports and progress: what a user looks at."""
+
+from __future__ import annotations
+
+import io
+import re
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import matplotlib.pyplot
+import numpy as np
+import pytest
+from rich.console import Console
+
+from vic_toolbox.errors import DependencyError, FileError, InputError
+from vic_toolbox.experiments import film as film_module
+from vic_toolbox.experiments import report
+from vic_toolbox.experiments.figures import learning, motion, style
+from vic_toolbox.experiments.figures.sweep import sweep_maps
+from vic_toolbox.experiments.film import DRAWN, film
+from vic_toolbox.experiments.progress import ConsoleProgress, Progress
+from vic_toolbox.experiments.trace import Trace
+from vic_toolbox.tasks.cup_on_plate import CupOnPlate
+from vic_toolbox.tasks.cup_scene import GOAL, start_angles
+
+
+def made_up(*, stiffness: float = 100.0, steps: int = 60) -> Trace:
+    """A trace of something that creeps to the goal."""
+    time = 0.01 * np.arange(steps)
+    decay = np.exp(-4.0 * time)[:, None]
+    error = np.concatenate([decay * [0.2, -0.45, 0.28], 0.0 * decay * [1, 1, 1]], axis=1)
+    rate = -4.0 * error
+    gains = np.full((steps, 6), stiffness)
+    damping = 10.0 * np.sqrt(gains)
+    return Trace(
+        time=time,
+        error=error,
+        rate=rate,
+        stiffness=gains,
+        damping=damping,
+        feedback=-gains * error - damping * rate,
+        contact=np.where(time > 0.4, 2.0, 0.0),
+        joints=np.tile(start_angles((0.6, -0.05, 0.3)), (steps, 1)),
+        observations=np.concatenate([error, rate], axis=1),
+        goal=np.array(GOAL),
+        score=-300.0,
+    )
+
+
+@pytest.fixture(scope="module")
+def traces() -> dict[str, Trace]:
+    return {"expert": made_up(), "airl": made_up(stiffness=120.0), "constant": made_up(stiffness=130.0)}
+
+
+def texts(path: Path) -> str:
+    """Everything that an SVG says about itself."""
+    return ET.parse(path).getroot().tag + path.read_text()
+
+
+@pytest.mark.parametrize("kind", ["gains_over_time", "forces_over_time", "paths"])
+def test_figures_are_the_same_every_time_and_need_no_window(kind: str, traces: dict, tmp_path: Path):
+    def draw(path: Path) -> bytes:
+        drawing = (
+            motion.paths({"start": traces}, plate_radius=0.08)
+            if kind == "paths"
+            else getattr(motion, kind)(traces)
+        )
+        return style.save(drawing, path).read_bytes()
+
+    first = draw(tmp_path / "a.svg")
+    assert first == draw(tmp_path / "b.svg")
+    assert ET.fromstring(first).tag.endswith("svg")
+    assert matplotlib.pyplot.get_fignums() == []
+
+
+def test_gains_are_drawn_with_their_units(traces: dict):
+    drawing = motion.gains_over_time(traces)
+    titles = [axes.get_title(loc="left") for axes in drawing.axes]
+    assert titles[0] == "stiffness along x  [N/m]"
+    assert titles[4] == "stiffness about x  [Nm/rad]"
+    values = {line.get_label(): line.get_ydata()[0] for line in drawing.axes[0].get_lines()}
+    assert values == {"expert": 100.0, "AIRL": 120.0, "constant gain": 130.0}
+
+
+def test_force_policies_show_their_wrench_instead():
+    force = {"expert": made_up(stiffness=0.0), "airl": made_up(stiffness=0.0)}
+    titles = [axes.get_title(loc="left") for axes in motion.gains_over_time(force).axes]
+    assert titles[0] == "force along x  [N]"
+    assert titles[4] == "torque about x  [Nm]"
+
+
+def rows(count: int, **extra: float) -> list[dict]:
+    return [{"iteration": i, "score": -500.0 + i, "log_std": -0.5, **extra} for i in range(1, count + 1)]
+
+
+def test_learning_curves_show_what_was_recorded():
+    metrics = rows(30, action_error=0.4, discriminator_accuracy=0.7, attempt=0)
+    for i in (0, 9, 19, 29):
+        metrics[i]["mean_score"] = -400.0
+    for row in metrics[15:]:
+        row["attempt"] = 1
+    drawing = learning.learning_curves(metrics, expert_score=-340.0, name="airl")
+    assert drawing is not None
+    assert len(drawing.axes) == 4
+    restart = [line for line in drawing.axes[1].get_lines() if len(set(line.get_xdata())) == 1]
+    assert [line.get_xdata()[0] for line in restart] == [16]
+
+
+@pytest.mark.parametrize("metrics", [[], rows(1)])
+def test_without_iterations_there_are_no_learning_curves(metrics: list):
+    assert learning.learning_curves(metrics, expert_score=-340.0, name="constant") is None
+
+
+def test_a_method_of_ones_own_gets_a_colour_and_its_name():
+    assert style.look("mine").label == "mine"
+    assert style.look("mine").colour == style.look("mine").colour
+
+
+def test_one_policy_alone_can_be_mapped():
+    starts = np.array([[0.6, 0.0, 0.3], [0.5, -0.2, 0.3]])
+    drawing = sweep_maps(
+        starts,
+        np.array(GOAL),
+        {"airl": np.array([0.1, 0.9])},
+        {"airl": np.ones(2)},
+        unreachable=np.empty((0, 3)),
+    )
+    assert len(drawing.axes) == 4
+
+
+def test_a_figure_that_cannot_be_written_is_reported(traces: dict, tmp_path: Path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(FileError, match=r"gains.svg"):
+        style.save(motion.forces_over_time(traces), tmp_path / "file" / "gains.svg")
+
+
+# --- film ----------------------------------------------------------------------------------------------------
+
+
+def test_without_opengl_the_arm_is_drawn_and_the_caption_says_so(traces, tmp_path, monkeypatch):
+    def absent(*_: object, **__: object) -> None:
+        raise DependencyError("no OpenGL to draw with. On Linux: apt-get install libegl1.")
+
+    monkeypatch.setattr(film_module, "Renderer", absent)
+    two = {name: traces[name] for name in ("expert", "airl")}
+    caption = film(tmp_path / "film.mp4", two, CupOnPlate())
+    assert caption.startswith("Drawn, not rendered")
+    assert "apt-get install libegl1" in caption
+    assert DRAWN.split("{")[0] in caption
+    content = (tmp_path / "film.mp4").read_bytes()
+    assert content[4:8] == b"ftyp"
+    assert len(content) > 5_000
+
+
+def test_a_film_must_be_an_mp4(traces, tmp_path, monkeypatch):
+    monkeypatch.setattr(film_module, "Renderer", lambda *_, **__: pytest.fail("must not be needed"))
+    with pytest.raises(InputError, match="must end in .mp4"):
+        film(tmp_path / "film.gif", traces, CupOnPlate())
+
+
+# --- report --------------------------------------------------------------------------------------------------
+
+
+def test_text_in_a_report_cannot_become_markup(tmp_path: Path):
+    page = tmp_path / "report.html"
+    bad = "<script>alert('x')</script> & \"quotes\" $tiles"
+    report.write_report(
+        page,
+        title=bad,
+        subtitle=bad,
+        summary=bad,
+        tiles=[(bad, bad)],
+        parts=[
+            report.Table(bad, [bad], [[bad]], caption=bad, marked=frozenset({0})),
+            report.Note(bad),
+            report.Commands(bad, [(bad, bad)]),
+            report.Settings(bad, {bad: bad}),
+        ],
+    )
+    text = page.read_text()
+    assert "<script>" not in text
+    assert text.count("&lt;script&gt;") == 17
+    assert not re.search(r"(?:src|href)=[\"']?(?!data:)", text)
+
+
+def test_a_missing_figure_leaves_the_old_report(tmp_path: Path):
+    page = tmp_path / "report.html"
+    page.write_text("old")
+    lost = report.Figure(tmp_path / "lost.svg", "title", "caption")
+    with pytest.raises(FileError, match=r"lost.svg"):
+        report.write_report(page, title="t", subtitle="s", summary="x", parts=[lost])
+    assert page.read_text() == "old"
+
+
+# --- progress ------------------------------------------------------------------------------------------------
+
+
+def test_without_a_terminal_progress_is_lines():
+    text = io.StringIO()
+    with ConsoleProgress(Console(file=text, width=200), interval=0.0) as progress:
+        progress.stage("imitation", 4, expert_score=-342.4)
+        for done in (1, 2, 3):
+            progress.update(done, total=4, score=-400.0 + done)
+        progress.say("[brackets] stay")
+    lines = text.getvalue().splitlines()
+    assert lines[0] == "imitation ..."
+    assert re.fullmatch(r"  2/4, score -398 / expert -342, about \d+ s left", lines[2])
+    assert "[brackets] stay" in lines
+    assert re.fullmatch(r"  done in \d+ s", lines[-1])
+
+
+def test_on_a_terminal_progress_is_bars():
+    text = io.StringIO()
+    with ConsoleProgress(Console(file=text, width=120, force_terminal=True)) as progress:
+        progress.stage("imitation", 4, expert_score=-342.4)
+        progress.update(2, score=-398.0)
+        progress.stage("report")
+    assert "score -398 / expert -342" in text.getvalue()
+
+
+def test_the_silent_progress_says_nothing(capsys: pytest.CaptureFixture):
+    with Progress() as progress:
+        progress.stage("x", 3, expert_score=-1.0)
+        progress.update(1, score=-2.0)
+        progress.say("hello")
+    assert capsys.readouterr() == ("", "")
