@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -74,7 +75,7 @@ def test_scores_do_not_depend_on_threads_or_on_how_many_run_at_once(task: CupOnP
 )
 def test_bad_numbers_are_refused(task: CupOnPlate, options: dict):
     with pytest.raises(InputError):
-        run_episodes(task, task.expert_action, **({"episodes": 1} | options))
+        partial(run_episodes, task, task.expert_action, episodes=1)(**options)
 
 
 def test_a_policy_that_outputs_nan_is_refused(task: CupOnPlate):

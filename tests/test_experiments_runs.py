@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -346,7 +347,7 @@ def test_bad_numbers_are_named_by_their_path():
             replace(run, recipe=replace(run.recipe, airl=airl))
     for field, value in (("push", -1.0), ("start_noise", float("inf")), ("count", 0), ("held_out", 0)):
         with pytest.raises(InputError):
-            DemonstrationConfiguration(**{field: value})
+            partial(DemonstrationConfiguration, **{field: value})()
 
 
 def test_a_configuration_with_a_wrong_field_is_refused():

@@ -13,8 +13,9 @@ import tyro
 from tyro.conf import FlagCreatePairsOff
 
 import vic_toolbox
-from vic_toolbox.cli.commands import COMMANDS, Command, Train, Transfer
+from vic_toolbox.cli.commands import COMMANDS, Command
 from vic_toolbox.cli.console import complain, say
+from vic_toolbox.cli.learning import Train, Transfer
 from vic_toolbox.errors import InputError, VicError
 
 

@@ -18,7 +18,8 @@ option                    closed loop                                use
 
 Passive means that ``V = ½ ėᵀ M(x) ė + ½ eᵀ K e`` changes by ``V̇ = −ėᵀ B ė − ėᵀ F_ext``, because Ṁ − 2 C is
 skew-symmetric. This holds for a constant K whose rotational part is isotropic and not coupled to the
-translations; for any other K it holds to leading order in the angle.
+translations; for any other K it holds to leading order in the angle. In the default law V̇ gains ½ ėᵀ Ṁ(x) ė, of
+either sign.
 
 References
 ----------

@@ -88,7 +88,7 @@ class ConsoleProgress(Progress):
 
     def say(self, text: str) -> None:
         """Print above the bars."""
-        self.console.print(text, markup=False, highlight=False)
+        self.console.print(text, markup=False, highlight=False, soft_wrap=True)
 
     def close(self) -> None:
         """End the last stage and the bars."""

@@ -27,6 +27,7 @@ from vic_toolbox.learning.policy_search import (
     PolicySearchConfiguration,
     adam_state,
     random_stream,
+    restore,
 )
 from vic_toolbox.learning.reward import DiscriminatorConfiguration, RewardNetwork, train_discriminator
 from vic_toolbox.learning.rollouts import BatchedEnvironment
@@ -228,9 +229,3 @@ class Airl:
         reward = RewardNetwork(task.observation_size, task.action_size, seed=0)
         reward.theta.copy_(self.best_reward)
         return policy, reward
-
-
-def restore(live: dict[str, torch.Tensor], saved: dict[str, torch.Tensor]) -> None:
-    """Copy saved tensors into live ones of the same names and shapes."""
-    for name, tensor in live.items():
-        tensor.copy_(saved[name])

@@ -199,3 +199,9 @@ def adam_state(optimiser: torch.optim.Adam) -> dict[str, torch.Tensor]:
         state["exp_avg"] = torch.zeros_like(parameters)
         state["exp_avg_sq"] = torch.zeros_like(parameters)
     return {name: state[name] for name in ("step", "exp_avg", "exp_avg_sq")}
+
+
+def restore(live: dict[str, torch.Tensor], saved: dict[str, torch.Tensor]) -> None:
+    """Copy saved tensors into live ones of the same names and shapes."""
+    for name, tensor in live.items():
+        tensor.copy_(saved[name])

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import torch
 
 from vic_toolbox.learning.networks import GaussianPolicy
-from vic_toolbox.learning.policy_search import PolicySearch, PolicySearchConfiguration
+from vic_toolbox.learning.policy_search import PolicySearch, PolicySearchConfiguration, restore
 from vic_toolbox.learning.reward import RewardNetwork
 from vic_toolbox.learning.rollouts import BatchedEnvironment
 
@@ -88,8 +88,7 @@ class Transfer:
 
     def load_state(self, state: dict[str, torch.Tensor]) -> None:
         """Take a saved state; the next `iterate()` is the one that the saved run would have made."""
-        for name, tensor in self.state().items():
-            tensor.copy_(state[name])
+        restore(self.state(), state)
 
     def result(self) -> GaussianPolicy:
         """The averaged policy."""

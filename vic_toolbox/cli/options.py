@@ -1,0 +1,18 @@
+"""Kinds of options that several commands have, with what the help calls their values."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from tyro.conf import Positional, Suppress, arg
+
+TaskName = Positional[Annotated[str, arg(metavar="TASK")]]
+Run = Positional[Annotated[Path, arg(metavar="RUN")]]
+NewFolder = Annotated[Path | None, arg(metavar="DIR")]
+Count = Annotated[int | None, arg(metavar="N")]
+Start = Annotated[str, arg(metavar="NAME|X,Y,Z")]
+MaybeStart = Annotated[str | None, arg(metavar="NAME|X,Y,Z")]
+MaybeFile = Annotated[Path | None, arg(metavar="FILE")]
+Folders = Annotated[tuple[Path, ...], arg(metavar="RUN ...")]
+HyperParameters = Suppress[tuple[str, ...]]
