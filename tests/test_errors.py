@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import pickle
+import sys
 from typing import Any
 
 import numpy as np
@@ -26,6 +27,7 @@ from vic_toolbox.errors import (
     one_of,
     positive,
     positive_array,
+    require,
 )
 
 
@@ -58,6 +60,17 @@ def test_reach_error_carries_its_residual_across_processes(clone: Any) -> None:
     error = clone(ReachError("too far", residual=0.25))
     assert (str(error), error.residual) == ("too far", 0.25)
     assert ReachError("too far").residual is None
+
+
+def test_missing_packages_are_named_with_the_command_that_adds_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    require("learn", "numpy", "scipy")
+    monkeypatch.setitem(sys.modules, "scipy", None)
+    with pytest.raises(
+        DependencyError, match=r"^scipy is not installed.*: pip install 'vic-toolbox\[learn\]'"
+    ):
+        require("learn", "numpy", "scipy")
+    with pytest.raises(DependencyError, match="scipy, no_such_package are not installed"):
+        require("learn", "scipy", "no_such_package")
 
 
 @pytest.mark.parametrize("value", [[1, 2, 3], (1.0, 2, 3), np.arange(3, dtype=np.float32), np.arange(3)])

@@ -372,6 +372,32 @@ def test_stiffness_off_by_a_thousand_is_refused(name: str, factor: float) -> Non
         p.to_action(ImpedanceGains(stiffness, damping))
 
 
+@pytest.mark.parametrize(
+    ("index", "value", "unit"),
+    [
+        (2, 0.5, "N/mm: multiply it by 1000"),
+        (3, 0.05, "Nm/deg: multiply it by 57.3"),
+        (5, 4000.0, "Nmm/rad: multiply it by 0.001"),
+        (6, 0.05, "Ns/mm: multiply it by 1000"),
+        (11, 0.02, "Nms/deg: multiply it by 57.3"),
+    ],
+)
+def test_gains_in_another_unit_are_recognised(index: int, value: float, unit: str) -> None:
+    p = Diagonal(
+        stiffness_low=(60, 60, 60, 1, 1, 1),
+        stiffness_high=(200, 200, 200, 6, 6, 6),
+        damping_low=(20, 20, 20, 0.5, 0.5, 0.5),
+        damping_high=(90, 90, 90, 2, 2, 2),
+    )
+    parameters = (p.minimum + p.maximum) / 2
+    parameters[index] = value
+    with pytest.raises(InputError, match=f"{p.names[index]} is {value:g}; .* It looks like {unit}"):
+        p.parameters_to_action(parameters)
+    parameters[index] = 1e6 * p.maximum[index]
+    with pytest.raises(InputError, match=r"covers \[[^]]*\]\. Check the units"):
+        p.parameters_to_gains(parameters)
+
+
 @every
 def test_bad_actions_are_refused(name: str) -> None:
     p = PARAMETRISED[name]
@@ -382,6 +408,7 @@ def test_bad_actions_are_refused(name: str) -> None:
         (np.full(p.size, np.nan), r"action\[0\] is nan"),
         (zeros + 1.01, "clip it"),
         (zeros - 3, "clip it"),
+        (zeros + 150, "in SI units, turn them into an action with parameters_to_action"),
         ("stiff", "not real numbers"),
     ):
         with pytest.raises(InputError, match=message):

@@ -125,6 +125,7 @@ def test_airl_imitates_and_its_reward_teaches_a_fresh_policy():
     while not learner.finished:
         last = learner.iterate()
     assert last["action_error"] < 0.2 < first["action_error"]
+    assert float(learner.best_sharpness) == last["sharpness"] == 1.0
     assert float(learner.best_error) <= last["action_error"]
     policy, reward = learner.result()
     transfer = Transfer(

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from vic_toolbox import tasks
 from vic_toolbox.errors import InputError, ReachError
-from vic_toolbox.tasks import cup_scene, starts
+from vic_toolbox.tasks import cup_on_plate, cup_scene, starts
 from vic_toolbox.tasks.starts import Scenario
 
 STUDY_SCORES = {"train": -343, "T1": -631, "T2": -429, "T3": -480, "T4": -579}
@@ -148,6 +148,8 @@ def test_any_start_in_reach_is_accepted_in_every_form() -> None:
     [
         ("T9", InputError, "choose one of: train, T1"),
         ((1.2, 0.0, 0.3), ReachError, "out of reach.*move it"),
+        ((600.0, -50.0, 300.0), ReachError, "Positions are in metres; if this one is in millimetres"),
+        ((-400, -400, -300), ReachError, "in millimetres, divide it by 1000"),
         ((0.34, 0.13, 0.71), ReachError, "within 0.1 rad of a limit of joint_"),
         ((-0.4, -0.4, 0.3), InputError, "arm's vertical axis"),
         ((0.4, 0.4, 0.01), InputError, "must exceed 0.020 m"),
@@ -191,7 +193,9 @@ def test_constant_gains_are_the_middle_of_the_range() -> None:
     np.testing.assert_array_equal(gain.constant_action(), np.zeros(7))
     np.testing.assert_allclose(gain.constant_action(observation), np.zeros((2, 7)), atol=1e-15)
     expected = -130 * observation[:, :3] - 10.5 * np.sqrt(130) * observation[:, 6:9]
-    np.testing.assert_allclose(force.constant_action(observation)[:, :3] * 25, expected)
+    np.testing.assert_allclose(
+        force.constant_action(observation)[:, :3] * cup_on_plate.WRENCH_UNIT[:3], expected
+    )
 
 
 def test_unknown_task_and_missing_observations_are_refused() -> None:

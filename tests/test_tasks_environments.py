@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -320,6 +321,30 @@ def test_missing_opengl_says_what_to_install(monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setattr(rendering.importlib, "import_module", _missing)
     with pytest.raises(DependencyError, match="no OpenGL.*apt-get install.*MUJOCO_GL"):
         rendering.Renderer(spec)
+
+
+@pytest.mark.parametrize(
+    "line", ["from vic_toolbox.tasks import CupOnPlate", "import vic_toolbox.tasks.cup_on_plate"]
+)
+def test_an_opengl_that_mujoco_cannot_load_is_named(line: str, tmp_path: Path) -> None:
+    """With MUJOCO_GL=osmesa and no OSMesa, ``import mujoco`` ends in an AttributeError of PyOpenGL."""
+    (tmp_path / "mujoco.py").write_text("None.glGetError")
+    environment = os.environ | {"MUJOCO_GL": "osmesa", "PYTHONPATH": str(tmp_path)}
+    done = subprocess.run([sys.executable, "-c", line], env=environment, capture_output=True, text=True)
+    last = done.stderr.splitlines()[-1]
+    assert "DependencyError: MuJoCo cannot be imported with MUJOCO_GL=osmesa" in last
+    assert "Unset MUJOCO_GL" in last
+
+
+@pytest.mark.parametrize(
+    ("part", "package"), [("tasks", "gymnasium"), ("tasks", "mujoco"), ("learning", "torch")]
+)
+def test_a_missing_package_is_named_with_its_group(part: str, package: str) -> None:
+    code = f"import sys; sys.modules[{package!r}] = None\nimport vic_toolbox.{part}"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    last = done.stderr.splitlines()[-1]
+    assert last.startswith(f"vic_toolbox.errors.DependencyError: {package} is not installed")
+    assert "pip install 'vic-toolbox[learn]'" in last
 
 
 def test_missing_display_is_a_warning_for_the_human_mode(monkeypatch: pytest.MonkeyPatch) -> None:

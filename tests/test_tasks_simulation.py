@@ -13,6 +13,7 @@ from vic_toolbox.control import CartesianLaw, Reference
 from vic_toolbox.control.compiled import LAW_FIELDS, LAW_MAGIC, law_block
 from vic_toolbox.errors import InputError, ModelError, SimulationError
 from vic_toolbox.gains import ImpedanceGains
+from vic_toolbox.models import available_robots, load_robot
 from vic_toolbox.spatial import pose_error, pose_from
 from vic_toolbox.tasks import callback, cup_on_plate, cup_scene, scene
 from vic_toolbox.tasks.kinematics import Chain
@@ -101,6 +102,20 @@ def test_energy_changes_by_the_work_of_the_torques() -> None:
             assert power == pytest.approx(data.qvel @ data.ctrl, abs=1e-4)
     finally:
         model.opt.enableflags = flags
+
+
+@pytest.mark.parametrize("name", sorted(available_robots()))
+def test_scene_of_every_arm_has_its_dynamics_and_fixed_fingers(name: str) -> None:
+    robot = load_robot(name)
+    model = scene.arm_spec(robot).compile()
+    assert (model.nq, model.neq) == (robot.nq, 0)
+    data, mass, rng = mujoco.MjData(model), np.empty((robot.nv, robot.nv)), np.random.default_rng(4)
+    data.qpos[:], data.qvel[:] = robot.random_postures(rng, 1)[0], rng.normal(size=robot.nv)
+    mujoco.mj_forward(model, data)
+    mujoco.mj_fullM(model, data, mass)
+    np.testing.assert_allclose(mass, robot.mass_matrix(data.qpos), atol=1e-9)
+    np.testing.assert_allclose(data.qfrc_bias, robot.bias(data.qpos, data.qvel), atol=1e-9)
+    np.testing.assert_allclose(data.site_xpos[0], robot.pose(data.qpos)[:3, 3], atol=1e-9)
 
 
 def test_scene_has_the_dynamics_of_the_robot_model() -> None:

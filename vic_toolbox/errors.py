@@ -7,6 +7,7 @@ raise :class:`InputError` before any work starts.
 
 from __future__ import annotations
 
+import importlib.util
 import math
 import operator
 from collections.abc import Iterable
@@ -57,6 +58,22 @@ class SimulationError(VicError, RuntimeError):
 
 class DependencyError(VicError, ImportError):
     """An optional dependency or a system library is missing; the message names the command that adds it."""
+
+
+def require(group: str, *packages: str) -> None:
+    """Check that packages of an optional dependency group are installed, without importing them.
+
+    Raises
+    ------
+    DependencyError
+        Some are not; the message names them and the command that adds the group.
+    """
+    missing = [package for package in packages if importlib.util.find_spec(package) is None]
+    if missing:
+        raise DependencyError(
+            f"{', '.join(missing)} {'is' if len(missing) == 1 else 'are'} not installed, and this part of the "
+            f"toolbox needs {'it' if len(missing) == 1 else 'them'}: pip install 'vic-toolbox[{group}]'."
+        )
 
 
 def finite_array(name: str, value: ArrayLike, *, shape: Shape | None = None) -> Array:

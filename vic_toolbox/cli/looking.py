@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from vic_toolbox.cli.console import console_progress, print_result, print_sweep, print_table, say
@@ -111,7 +110,7 @@ class Robots:
 
     def run(self) -> None:
         """List."""
-        from vic_toolbox.experiments.listing import robot_rows
+        from vic_toolbox.experiments.robot_listing import robot_rows
 
         print_table(("name", "joints", "reach [m]", "tool frame", "description"), robot_rows(self.seed))
 
@@ -125,7 +124,7 @@ class Tasks:
 
     def run(self) -> None:
         """List."""
-        from vic_toolbox.experiments.listing import scenario_rows, task_rows
+        from vic_toolbox.experiments.task_listing import scenario_rows, task_rows
 
         print_table(("task", "Gymnasium id", "actions", "episode"), task_rows())
         print_table(("task", "scenario", "start x, y, z [m]"), scenario_rows())

@@ -148,7 +148,7 @@ def simulate(
     batch = acceleration.shape
     angles, speeds = np.broadcast_to(angles, batch), np.broadcast_to(speeds, batch)
 
-    time, samples = dt * np.arange(count + 1), []
+    time, samples = dt * np.arange(count + 1, dtype=np.float64), []
     for i, t in enumerate(time.tolist()):
         if i > 0:
             angles, speeds = step(dynamics.acceleration, time[i - 1], angles, speeds, acceleration, dt)

@@ -17,9 +17,9 @@ TASKS = {"cup-on-plate": "Cup-on-Plate"}
 
 CAPTIONS = {
     "Learning": (
-        "The policy is judged by its mean action (thick line); the thin line is its score while it "
-        "explores. The error on held-out expert states, never a score, decides which iteration is kept. The "
-        "discriminator falls towards chance as the policy becomes hard to tell from the expert."
+        "The policy is judged by its mean action (thick line); the thin line is its score while it explores. The "
+        "error on held-out expert states, never a score, decides which iteration is kept. The discriminator sees the "
+        "exploring policy, which is wider than the expert, so it need not fall to chance."
     ),
     "Cloning": "Error of the mean action on held-out expert states: the weights of its minimum are kept.",
     "Transfer": (

@@ -24,6 +24,14 @@ RANGE_TOLERANCE = 1e-6
 MATCH_TOLERANCE = 1e-6
 """Largest relative difference between two dampings that still count as the same."""
 
+OTHER_UNITS = {
+    "k": (("N/mm", 1e3),),
+    "kr": (("Nm/deg", 180 / np.pi), ("Nmm/rad", 1e-3)),
+    "b": (("Ns/mm", 1e3),),
+    "br": (("Nms/deg", 180 / np.pi), ("Nmms/rad", 1e-3)),
+}
+"""Units in which gains are often written, by kind of parameter ("r": about an axis), with their factor to SI."""
+
 SixNumbers = tuple[float, float, float, float, float, float]
 
 
@@ -105,7 +113,10 @@ class Parametrisation(ABC):
         a = finite_array("action", action, shape=(..., self.size))
         worst = np.abs(a).max(initial=0.0)
         if worst > 1 + RANGE_TOLERANCE:
-            raise InputError(f"action has an entry of size {worst:g}; clip it to [-1, 1] first.")
+            raise InputError(
+                f"action has an entry of size {worst:g}; clip it to [-1, 1] first, or, if these are "
+                "parameters in SI units, turn them into an action with parameters_to_action."
+            )
         a = np.clip(a, -1.0, 1.0)
         return 0.5 * ((1 - a) * self.minimum + (1 + a) * self.maximum)
 
@@ -153,7 +164,8 @@ class Parametrisation(ABC):
             raise InputError(
                 f"{self.names[i]} is {received:g}; this {type(self).__name__} covers "
                 f"[{minimum[i]:g}, {maximum[i]:g}]. "
-                "Check the units (N/m, Nm/rad, Ns/m, Nms/rad), or widen the range of the parametrisation."
+                + _unit_mistake(self.names[i], float(received), low=minimum[i], high=maximum[i])
+                + "Check the units (N/m, Nm/rad, Ns/m, Nms/rad), or widen the range of the parametrisation."
             )
         return np.clip(p, minimum, maximum)
 
@@ -182,6 +194,15 @@ class Parametrisation(ABC):
                 f"the damping departs by a relative {difference.max():.2g} from the one that this "
                 f"{type(self).__name__} gives to the stiffness; use Diagonal to set both freely."
             )
+
+
+def _unit_mistake(name: str, value: float, *, low: float, high: float) -> str:
+    """Say which unit a value looks like, if there is one that brings it into the range or next to it."""
+    kind, _, axis = name.partition("_")  # "k_rx" → "k", "rx"
+    for unit, factor in OTHER_UNITS.get(kind + axis[:-1], ()):
+        if low / 3 <= factor * value <= 3 * high:
+            return f"It looks like {unit}: multiply it by {factor:.4g}. "
+    return ""
 
 
 def require_diagonal(gains: ImpedanceGains) -> tuple[Array, Array]:

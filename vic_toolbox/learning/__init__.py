@@ -1,5 +1,9 @@
 """Learning: policies and rewards from demonstrations (AIRL, behaviour cloning), and their transfer (TRPO)."""
 
+from vic_toolbox.errors import require
+
+require("learn", "torch", "safetensors", "threadpoolctl")
+
 from vic_toolbox.learning.airl import Airl, AirlConfiguration
 from vic_toolbox.learning.checkpoints import load_policy, load_reward, save_policy, save_reward
 from vic_toolbox.learning.cloning import CloningConfiguration, clone

@@ -5,10 +5,10 @@ rollouts with it, take one TRPO step. Three things are added to the textbook alg
 deterministic expert, and all decided without looking at a task's score:
 
 * expert actions carry Gaussian noise, drawn anew each iteration, so that a density ratio exists;
-* the slope bound, the trust region, the reward's step size and that noise are *sharpened* (moved geometrically to their final values) once
-  the action error on held-out expert states is small, not at a fixed iteration;
-* a run whose held-out action error stays large is restarted from new weights; the best policy and its reward by
-  that error are kept.
+* the slope bound, the trust region, the reward's step size and that noise are *sharpened* (moved geometrically to
+  their final values) once the action error on held-out expert states is small, not at a fixed iteration;
+* a run whose held-out action error stays large is restarted from new weights; of the fully sharpened iterations
+  the one with the smallest error is kept, its policy and reward averaged over the last ten or so.
 
 Sources: Fu, Luo, Levine, ICLR 2018; Zhang et al., section III of the paper (docs/reproduction.md).
 """
@@ -98,11 +98,12 @@ class Airl:
         self.expert = expert
         self.configuration = configuration
         self.seed = seed
-        # attempt, iteration in this attempt, sharpness in [0, 1], best held-out error, iterations in all
+        # attempt, iteration in this attempt, in all, sharpness in [0, 1]; sharpness and held-out error of what is kept
         self.attempt = torch.zeros((), dtype=torch.int64)
         self.iteration = torch.zeros((), dtype=torch.int64)
         self.total = torch.zeros((), dtype=torch.int64)
         self.sharpness = torch.zeros((), dtype=torch.float64)
+        self.best_sharpness = torch.zeros((), dtype=torch.float64)
         self.best_error = torch.full((), float("inf"), dtype=torch.float64)
         self._begin_attempt()
         self.best_policy = self.search.policy.theta.clone()
@@ -120,6 +121,7 @@ class Airl:
         )
         self.search = PolicySearch(self.environment, policy, configuration=settings.search, seed=seed)
         self.reward = RewardNetwork(task.observation_size, task.action_size, seed=seed + 2)
+        self.reward_average = self.reward.theta.clone()
         rows = settings.replay and len(range(0, settings.search.environments * task.horizon, 5))
         self.replay = torch.zeros(settings.replay, rows, task.observation_size + task.action_size)
         self.expert_strata = task.strata(policy.unscaled(self.expert.training[0]))
@@ -141,11 +143,9 @@ class Airl:
         divergence = self._sharpened(settings.divergence, settings.divergence_final)
         metrics |= self.search.improve(batch, reward, divergence_limit=divergence, iteration=index)
 
+        self.reward_average.lerp_(self.reward.theta, 1.0 / float(self.search.average_weight))
         error = self.expert.action_error(self.search.averaged_policy())
-        if error < float(self.best_error):
-            self.best_error.fill_(error)
-            self.best_policy.copy_(self.search.average)
-            self.best_reward.copy_(self.reward.theta)
+        self._keep_if_better(error)
         if error < settings.sharpen_below:
             self.sharpness.add_(1.0 / settings.sharpen_iterations).clamp_(max=1.0)
         self.iteration.add_(1)
@@ -160,6 +160,17 @@ class Airl:
             self.attempt.add_(1)
             self._begin_attempt()
         return metrics
+
+    def _keep_if_better(self, error: float) -> None:
+        """Keep the averaged policy and reward: sharper beats blunter, then the smaller error counts.
+
+        A policy may be good before its reward is; only a sharpened reward can teach another policy precisely.
+        """
+        if (float(self.sharpness), -error) >= (float(self.best_sharpness), -float(self.best_error)):
+            self.best_sharpness.copy_(self.sharpness)
+            self.best_error.fill_(error)
+            self.best_policy.copy_(self.search.average)
+            self.best_reward.copy_(self.reward_average)
 
     def _failing(self, error: float) -> bool:
         settings = self.configuration
@@ -207,11 +218,13 @@ class Airl:
             "iteration": self.iteration,
             "total": self.total,
             "sharpness": self.sharpness,
+            "best_sharpness": self.best_sharpness,
             "best_error": self.best_error,
             "best_policy": self.best_policy,
             "best_reward": self.best_reward,
             "replay": self.replay,
             "reward": self.reward.theta,
+            "reward_average": self.reward_average,
             **{f"reward.{name}": value for name, value in adam_state(self.reward.optimiser).items()},
             **{f"search.{name}": value for name, value in self.search.state().items()},
         }
@@ -223,7 +236,7 @@ class Airl:
         restore(self.state(), state)
 
     def result(self) -> tuple[GaussianPolicy, RewardNetwork]:
-        """The policy with the smallest held-out action error and the reward of that iteration."""
+        """The kept policy and the reward of the same iteration."""
         policy = self.search.policy.copy(self.best_policy)
         task = self.environment.task
         reward = RewardNetwork(task.observation_size, task.action_size, seed=0)

@@ -37,7 +37,7 @@ class PolicySearchConfiguration:
     entropy_weight: float = 1.0
     """Weight w of −log π in the objective."""
     averaging: float = 0.9
-    """Decay of the running average of the policy's weights; the average is what is evaluated."""
+    """Decay of the running average of the weights; the average is what is evaluated and kept."""
     trpo: TrpoConfiguration = field(default_factory=TrpoConfiguration)
     """The trust-region step."""
     critic: CriticConfiguration = field(default_factory=CriticConfiguration)

@@ -60,7 +60,7 @@ _CUP_ON_PLATE_FORCE = replace(
         expert_noise_final=0.02,
         sharpen_below=0.65,
         sharpen_iterations=100,
-        restart_above=0.85,
+        restart_above=0.75,
         search=replace(_CUP_ON_PLATE.airl.search, log_std=-1.5),
     ),
     transfer=replace(_CUP_ON_PLATE.transfer, search=replace(_CUP_ON_PLATE.transfer.search, log_std=-1.5)),

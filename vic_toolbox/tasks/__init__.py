@@ -11,12 +11,15 @@ like :class:`~vic_toolbox.tasks.cup_on_plate.CupOnPlate`, and one line in :data:
 from __future__ import annotations
 
 import importlib
+import os
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
-import gymnasium
+from vic_toolbox.errors import DependencyError, one_of, require
 
-from vic_toolbox.errors import one_of
+require("learn", "gymnasium", "mujoco")
+
+import gymnasium
 
 if TYPE_CHECKING:
     from vic_toolbox.tasks.cup_on_plate import CupOnPlate, CupOnPlateEnv, CupOnPlateVectorEnv
@@ -89,6 +92,21 @@ def __getattr__(name: str) -> Any:
 
 def __dir__() -> list[str]:
     return sorted(__all__)
+
+
+def _check_opengl(named: str) -> None:
+    """Import MuJoCo, which loads the OpenGL library that MUJOCO_GL names, and cannot be imported without it."""
+    try:
+        importlib.import_module("mujoco")
+    except Exception as error:  # PyOpenGL fails with an AttributeError, an unknown name with a RuntimeError
+        raise DependencyError(
+            f"MuJoCo cannot be imported with MUJOCO_GL={named} ({error}). Unset MUJOCO_GL: pictures then use "
+            "whatever OpenGL there is (on Linux: apt-get install libegl1 libgl1), and nothing else needs any."
+        ) from error
+
+
+if os.environ.get("MUJOCO_GL"):
+    _check_opengl(os.environ["MUJOCO_GL"])
 
 
 gymnasium.register(

@@ -27,8 +27,8 @@ CAMERA = "overview"
 
 _FLOOR = -0.72  # height of the floor below the table's top [m]
 _REMEDY = (
-    "On Linux: apt-get install libegl1 libgl1 (or libosmesa6), then set MUJOCO_GL to egl (or osmesa). "
-    "Everything but pictures works without."
+    "On Linux: apt-get install libegl1 libgl1 (or libosmesa6), and leave MUJOCO_GL unset: what is there is "
+    "found. Everything but pictures works without."
 )
 
 

@@ -49,6 +49,7 @@ def arm_spec(robot: RobotModel) -> mujoco.MjSpec:
             spec.body(robot.mount).add_frame().attach_body(tool.worldbody.first_body(), TOOL_PREFIX, "")
     except ValueError as error:
         raise ModelError(f"MuJoCo cannot read the URDF of {robot.name}: {error}") from error
+    _fix(spec, robot.locked_joints)
     spec.modelname = robot.name
     spec.option.timestep = TIMESTEP
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
@@ -72,6 +73,15 @@ def arm_spec(robot: RobotModel) -> mujoco.MjSpec:
         )
     body.add_site(name=END_EFFECTOR)
     return spec
+
+
+def _fix(spec: mujoco.MjSpec, joints: tuple[str, ...]) -> None:
+    """Weld joints at zero, as the robot model does with fingers, and drop what makes them mimic each other."""
+    for equality in list(spec.equalities):
+        if {equality.name1, equality.name2} & set(joints):
+            spec.delete(equality)
+    for name in joints:
+        spec.delete(spec.joint(name))
 
 
 def make_solid(spec: mujoco.MjSpec, body: str) -> None:

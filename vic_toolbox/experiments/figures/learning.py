@@ -16,10 +16,10 @@ Metrics = Sequence[Mapping[str, Any]]
 
 _PANELS = (
     ("mean_score", "score", "score"),
-    ("action_error", "held-out action error", "RMS, action range is ±1"),
+    ("action_error", "held-out action error", "RMS, normalised action"),
     ("discriminator_accuracy", "discriminator: expert or policy?", "share told right"),
     ("objective", "learned reward, with entropy", "mean per step"),
-    ("log_std", "exploration", "policy σ, action range is ±1"),
+    ("log_std", "exploration", "policy σ, normalised action"),
 )
 
 
@@ -87,7 +87,9 @@ def _score_panel(axes: Axes, metrics: Metrics, expert_score: float) -> None:
     low = min(np.quantile(mean, 0.15), mean[-1], expert_score) - 0.35 * abs(expert_score)
     if np.isfinite(low) and low > min(mean.min(), sampled.min()):  # the first scores may be many times worse
         axes.set_ylim(bottom=low)
-    axes.legend(loc="best")
+    low, high = axes.get_ylim()
+    axes.set_ylim(bottom=low - 0.45 * (high - low))  # room for the legend
+    axes.legend(loc="lower right", fontsize=7.5, labelspacing=0.3, borderaxespad=0.2)
 
 
 def _series(metrics: Metrics, key: str) -> tuple[np.ndarray, np.ndarray]:

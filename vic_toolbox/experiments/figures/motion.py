@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MultipleLocator
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
@@ -126,8 +127,16 @@ def draw_paths(axes: Any, scenes: Mapping[str, Traces], *, plate_radius: float) 
         start = next(iter(traces.values())).path[0]
         axes.plot(start[[0, 0]], start[[1, 1]], [0.0, start[2]], color=style.QUIET, lw=0.6, ls=":")
         axes.scatter(*start, color=style.INK, s=16, depthshade=False, zorder=6)
-        foot = {"fontsize": 8.5, "color": style.INK, "ha": "center", "va": "top", "weight": "bold"}
-        axes.text(start[0] + 0.03, start[1], -0.03, scenario, **foot)
+        axes.text(
+            *(start - np.array([0.0, 0.0, 0.04])),
+            scenario,
+            fontsize=8.5,
+            ha="center",
+            va="top",
+            weight="bold",
+            path_effects=[withStroke(linewidth=3.0, foreground="white")],
+            zorder=7,
+        )
     _disc(axes, goal[:2], plate_radius, "#dfe6ee", "")
     _disc(axes, np.zeros(2), 0.095, "#f5dd90", "robot")
     rims = [[-0.1, -0.1, 0.0], *(goal + plate_radius * np.array([[-1, -1, 0], [1, 1, 0]]))]
