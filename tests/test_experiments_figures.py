@@ -84,7 +84,8 @@ def test_gains_are_drawn_with_their_units(traces: dict):
 
 def test_force_policies_show_their_wrench_instead():
     force = {"expert": made_up(stiffness=0.0), "airl": made_up(stiffness=0.0)}
-    titles = [axes.get_title(loc="left") for axes in motion.gains_over_time(force).axes]
+    assert not motion.has_gains(force)
+    titles = [axes.get_title(loc="left") for axes in motion.wrench_over_time(force).axes]
     assert titles[0] == "force along x  [N]"
     assert titles[4] == "torque about x  [Nm]"
 

@@ -107,7 +107,8 @@ def default_configuration(
 
     Raises
     ------
-    InputError : no recipe for the task, or a value that the configuration refuses.
+    InputError
+        No recipe for the task, or a value that the configuration refuses.
     """
     chosen = recipe(task, action=one_of("action", action, ACTIONS), history=history)
     values: dict[str, Any] = {"task": task, "method": method, "action": action, "history": history, **rest}
@@ -119,7 +120,8 @@ def check_numbers(configuration: Any, name: str) -> None:
 
     Raises
     ------
-    InputError : the field is named by its path, e.g. ``recipe.airl.search.discount``.
+    InputError
+        The field is named by its path, e.g. ``recipe.airl.search.discount``.
     """
     for path, value in flatten(asdict(configuration), name).items():
         if isinstance(value, bool) or not isinstance(value, int | float):
@@ -140,7 +142,8 @@ def from_json(cls: type[T], value: Any, *, where: str) -> T:
 
     Raises
     ------
-    FileError : a field is missing, unknown or of another type; `where` (the file) and the field are named.
+    FileError
+        A field is missing, unknown or of another type; `where` (the file) and the field are named.
     """
     if not isinstance(value, Mapping):
         raise FileError(f"{where} should be a table; it is {value!r:.60}")

@@ -48,8 +48,10 @@ def run_demo(
 
     Raises
     ------
-    FileError : `out` holds something else, or a demonstration with another configuration.
-    KeyboardInterrupt : Ctrl-C; the same call goes on from there.
+    FileError
+        `out` holds something else, or a demonstration with another configuration.
+    KeyboardInterrupt
+        Ctrl-C; the same call goes on from there.
     """
     progress = progress or Progress()
     with RunFolder.create(out, "demo", asdict(configuration), resume=True) as folder:

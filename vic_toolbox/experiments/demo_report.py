@@ -47,9 +47,18 @@ def write_demo_report(
 
     Parameters
     ----------
-    path : of the HTML file. skills : "airl", "bc", "constant", and "transfer" for AIRL's after transfer.
-    unseen : the scenario that the skill was carried to. notes : what the reader must know.
-    next_steps : (command, what it does). threads : of the simulation.
+    path : Path
+        Of the HTML file.
+    skills : Mapping[str, Skill]
+        "airl", "bc", "constant", and "transfer" for AIRL's after transfer.
+    unseen : str
+        The scenario that the skill was carried to.
+    notes : Sequence[str]
+        What the reader must know.
+    next_steps : Sequence[tuple[str, str]]
+        (command, what it does).
+    threads : int
+        Of the simulation.
     """
     airl, carried = skills["airl"], skills["transfer"]
     others = {name: skills[name] for name in ("bc", "constant")}

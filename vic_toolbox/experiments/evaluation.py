@@ -123,15 +123,25 @@ def run_episodes(
 
     Parameters
     ----------
-    task, act : what and who. episodes : number of starts.
-    seed : of the starts. start_noise : standard deviation of the start joint angles [rad].
-    scenarios : one for each episode; by default the task's.
-    threads : of the simulation, 0 for all processors; the numbers do not depend on it.
+    task, act : Task, callable
+        What and who.
+    episodes : int
+        Number of starts.
+    seed : int
+        Of the starts.
+    start_noise : float
+        Standard deviation of the start joint angles [rad].
+    scenarios : Sequence[Any], optional
+        One for each episode; by default the task's.
+    threads : int
+        Of the simulation, 0 for all processors; the numbers do not depend on it.
 
     Raises
     ------
-    InputError : a number out of range, or a start that cannot be used. SimulationError : a simulation
-    diverged.
+    InputError
+        A number out of range, or a start that cannot be used.
+    SimulationError
+        A simulation diverged.
     """
     episodes = integer("episodes", episodes, low=1)
     integer("seed", seed, low=0)
@@ -175,8 +185,12 @@ def judge(
 
     Parameters
     ----------
-    task : with the scenario to judge on. policies : name → policy.
-    episodes, seed, threads : see :func:`run_episodes`.
+    task : Task
+        With the scenario to judge on.
+    policies : Mapping[str, Policy]
+        Name → policy.
+    episodes, seed, threads : int
+        See :func:`run_episodes`.
     """
     run = partial(run_episodes, task, episodes=episodes, seed=seed, threads=threads)
     expert = run(task.expert_action)

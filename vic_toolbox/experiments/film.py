@@ -37,11 +37,15 @@ def film(path: Path, traces: Mapping[str, Trace], task: Task) -> str:
 
     Returns
     -------
-    str : caption for the film.
+    str
+        Caption for the film.
 
     Raises
     ------
-    InputError : the name does not end in ``.mp4``. FileError : the file cannot be written.
+    InputError
+        The name does not end in ``.mp4``.
+    FileError
+        The file cannot be written.
     """
     if path.suffix != ".mp4":
         raise InputError(f"the film's name is {str(path)!r}; it must end in .mp4.")

@@ -62,19 +62,30 @@ def run_to_end(
 
     Parameters
     ----------
-    learner : changed in place. folder : metrics and checkpoints go there.
-    mean_score : score of the present mean policy; asked for every `every` iterations, only to be shown.
-    every : iterations between two checkpoints.
-    seconds : stop early once the run has used up so much time (all its pieces together).
+    learner : Learner
+        Changed in place.
+    folder : RunFolder
+        Metrics and checkpoints go there.
+    mean_score : Callable[[], float]
+        Score of the present mean policy; asked for every `every` iterations, only to be shown.
+    every : int
+        Iterations between two checkpoints.
+    seconds : float
+        Stop early once the run has used up so much time (all its pieces together).
 
     Returns
     -------
-    bool : whether the learner finished (False: time was up).
+    bool
+        Whether the learner finished (False: time was up).
 
     Raises
     ------
-    KeyboardInterrupt : Ctrl-C or SIGTERM; the iteration under way was completed and a checkpoint saved.
-    FileError : the folder's checkpoint does not fit this learner. DivergenceError : a metric is not finite.
+    KeyboardInterrupt
+        Ctrl-C or SIGTERM; the iteration under way was completed and a checkpoint saved.
+    FileError
+        The folder's checkpoint does not fit this learner.
+    DivergenceError
+        A metric is not finite.
     """
     saved = folder.load_checkpoint()
     if saved is not None:

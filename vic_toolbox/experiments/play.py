@@ -18,8 +18,10 @@ def film_skill(skill: Skill, scenario: str | None, path: Path) -> str:
 
     Raises
     ------
-    InputError : the name does not end in ``.mp4``, or the scenario cannot be used. FileError : it cannot be
-    written.
+    InputError
+        The name does not end in ``.mp4``, or the scenario cannot be used.
+    FileError
+        It cannot be written.
     """
     task = skill.task(scenario)
     traces = {
@@ -35,11 +37,15 @@ def show_skill(skill: Skill, scenario: str | None, *, seed: int = 0) -> str:
 
     Parameters
     ----------
-    skill, scenario : who and where. seed : of the start's small variation; 0 starts exactly at the scenario.
+    skill, scenario : Skill, str
+        Who and where.
+    seed : int
+        Of the start's small variation; 0 starts exactly at the scenario.
 
     Raises
     ------
-    DependencyError : there is no display.
+    DependencyError
+        There is no display.
     """
     task = skill.task(scenario)
     seed = integer("seed", seed, low=0)

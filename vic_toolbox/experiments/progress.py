@@ -45,7 +45,10 @@ class ConsoleProgress(Progress):
 
     Parameters
     ----------
-    console : where to write. interval : seconds between two lines without a terminal.
+    console : Console
+        Where to write.
+    interval : float
+        Seconds between two lines without a terminal.
     """
 
     def __init__(self, console: Console, *, interval: float = 5.0):

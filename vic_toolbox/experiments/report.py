@@ -134,13 +134,19 @@ def write_report(
 
     Parameters
     ----------
-    path : of the HTML file. title, subtitle, summary : its head; the summary is the result in one or two
-    sentences.
-    tiles : the few numbers that matter, (number, what it is). parts : the rest, in order.
+    path : Path
+        Of the HTML file.
+    title, subtitle, summary : str
+        Its head; the summary is the result in one or two sentences.
+    tiles : Sequence[tuple[str, str]]
+        The few numbers that matter, (number, what it is).
+    parts : Sequence[Part]
+        The rest, in order.
 
     Raises
     ------
-    FileError : a figure is missing or the page cannot be written.
+    FileError
+        A figure is missing or the page cannot be written.
     """
     numbers = "".join(
         f"<div class=tile><b>{escape(n)}</b><span>{escape(what)}</span></div>" for n, what in tiles

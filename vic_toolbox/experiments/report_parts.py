@@ -31,6 +31,10 @@ CAPTIONS = {
         "damped while far from the goal, soft and well damped near it. Dotted lines mark the distances at "
         "which he changes over."
     ),
+    "wrench": (
+        "The wrench that the policy sets, over one episode; the broad pale band is the expert's. Dotted lines mark the "
+        "distances at which he changes over."
+    ),
     "paths": (
         "Left: the path of the cup's bottom from its start to the plate. Right: how far each policy is from "
         "where the expert is at the same moment."
@@ -50,20 +54,30 @@ def draw(drawing: matplotlib.figure.Figure, path: Path, title: str, caption: str
 
 
 def motion_figures(scenes: Mapping[str, motion.Traces], folder: Path) -> list[report.Part]:
-    """Gains of each scene, paths of all of them, forces of the last."""
-    drawings = [(motion.gains_over_time(traces), "gains", where) for where, traces in scenes.items()]
+    """Gains (or wrenches) of each scene, paths of all of them, forces of the last."""
+    drawings = [
+        (motion.gains_over_time(traces), "gains", where)
+        if motion.has_gains(traces)
+        else (motion.wrench_over_time(traces), "wrench", where)
+        for where, traces in scenes.items()
+    ]
     drawings += [(motion.paths(scenes, plate_radius=PLATE_RADIUS), "paths", "")]
     where, traces = list(scenes.items())[-1]
     drawings += [(motion.forces_over_time(traces), "forces", where)]
     parts: list[report.Part] = []
     for i, (drawing, kind, where) in enumerate(drawings):
         title = _TITLES[kind] + (f", {where}" if where and len(scenes) > 1 else "")
-        name = f"{kind}-{i + 1}" if kind == "gains" and len(scenes) > 1 else kind
+        name = f"{kind}-{i + 1}" if i < len(scenes) > 1 else kind
         parts.append(draw(drawing, folder / f"{name}.svg", title, kind))
     return parts
 
 
-_TITLES = {"gains": "Gains over time", "paths": "Paths in space", "forces": "Forces"}
+_TITLES = {
+    "gains": "Gains over time",
+    "wrench": "Wrench over time",
+    "paths": "Paths in space",
+    "forces": "Forces",
+}
 
 
 def results_table(

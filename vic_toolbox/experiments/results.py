@@ -19,7 +19,8 @@ def read_evaluation(folder: RunFolder, scenario: str) -> Evaluation:
 
     Raises
     ------
-    FileError : missing or damaged.
+    FileError
+        Missing or damaged.
     """
     path = folder.path / "evaluations" / scenario / "evaluation.json"
     return from_json(Evaluation, read_json(path), where=str(path))

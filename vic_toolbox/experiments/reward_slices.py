@@ -25,8 +25,14 @@ def reward_slices(
 
     Parameters
     ----------
-    task : of the run. reward, policy : of the run. expert : one of its episodes. name : what figures call the
-    policy.
+    task : Task
+        Of the run.
+    reward, policy : RewardNetwork, GaussianPolicy
+        Of the run.
+    expert : Trace
+        One of its episodes.
+    name : str
+        What figures call the policy.
     """
     states = expert.observations[_evenly_spaced(expert.distance)]
     distance = np.linalg.norm(states[:, -12:-9], axis=1)

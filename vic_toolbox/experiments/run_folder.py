@@ -39,7 +39,12 @@ class RunFolder:
 
     Attributes
     ----------
-    path : Path. kind : "training" or "transfer". configuration : the nested values of ``config.json``.
+    path : Path
+        Path.
+    kind : str
+        "training" or "transfer".
+    configuration : Mapping[str, Any]
+        The nested values of ``config.json``.
     """
 
     def __init__(self, path: Path, kind: str, configuration: Mapping[str, Any]):
@@ -87,7 +92,8 @@ class RunFolder:
 
         Raises
         ------
-        FileError : no such folder, no run in it, or its ``config.json`` is damaged.
+        FileError
+            No such folder, no run in it, or its ``config.json`` is damaged.
         """
         path = Path(path)
         if not path.is_dir():
@@ -140,7 +146,8 @@ class RunFolder:
 
         Raises
         ------
-        FileError : a line other than the last is not JSON.
+        FileError
+            A line other than the last is not JSON.
         """
         path = self.path / "metrics.jsonl"
         try:
@@ -169,7 +176,8 @@ class RunFolder:
 
         Raises
         ------
-        FileError : the checkpoint is damaged.
+        FileError
+            The checkpoint is damaged.
         """
         path = self.path / "checkpoint.safetensors"
         state, header = load_tensors(path, kind="checkpoint") if path.exists() else (None, {"iteration": 0})

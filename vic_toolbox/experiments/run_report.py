@@ -32,7 +32,12 @@ def report_run(skill: Skill, *, before: Skill | None = None, threads: int = 0) -
 
     Parameters
     ----------
-    skill : the finished run. before : the policy that a transfer began with. threads : of the simulation.
+    skill : Skill
+        The finished run.
+    before : Skill, optional
+        The policy that a transfer began with.
+    threads : int
+        Of the simulation.
     """
     task, label = skill.task(), style.look(skill.look).label
     policies = _contestants(task, skill, before)
@@ -85,7 +90,8 @@ def _figures(skill: Skill, task: Task, policies: Mapping[str, Policy], own: Eval
 def _title(skill: Skill, own: Evaluation) -> str:
     task = TASKS.get(own.task, own.task)
     if skill.transfer is None:
-        return f"{style.look(skill.look).label} on {task}"
+        label = style.look(skill.look).label
+        return f"{label[0].upper()}{label[1:]} on {task}"
     return f"{task}: a skill carried to {place(own.scenario)}"
 
 

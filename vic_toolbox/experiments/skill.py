@@ -21,9 +21,16 @@ class Skill:
 
     Attributes
     ----------
-    folder : its run. run : configuration of the training run.
-    transfer : configuration of the transfer run, if it is from one.
-    policy : the policy. reward : the learned (or frozen) reward, if there is one.
+    folder : RunFolder
+        Its run.
+    run : RunConfiguration
+        Configuration of the training run.
+    transfer : TransferRunConfiguration
+        Configuration of the transfer run, if it is from one.
+    policy : GaussianPolicy
+        The policy.
+    reward : RewardNetwork
+        The learned (or frozen) reward, if there is one.
     """
 
     folder: RunFolder
@@ -72,7 +79,8 @@ def make_task(run: RunConfiguration, scenario: Any) -> tasks.Task:
 
     Raises
     ------
-    InputError, ReachError : unknown scenario, or a start that the arm cannot take.
+    InputError, ReachError
+        Unknown scenario, or a start that the arm cannot take.
     """
     return tasks.make(run.task, action=run.action, history=run.history, scenario=parse_scenario(scenario))
 
@@ -82,7 +90,8 @@ def parse_scenario(scenario: Any) -> Any:
 
     Raises
     ------
-    InputError : something with commas that is not three numbers.
+    InputError
+        Something with commas that is not three numbers.
     """
     if not isinstance(scenario, str) or "," not in scenario:
         return scenario
@@ -97,7 +106,8 @@ def load_skill(path: str | os.PathLike[str]) -> Skill:
 
     Raises
     ------
-    FileError : no run there, an unfinished one, or a damaged or unfitting file; the file is named.
+    FileError
+        No run there, an unfinished one, or a damaged or unfitting file; the file is named.
     """
     folder = RunFolder.open(path)
     where = str(folder.path / "config.json")

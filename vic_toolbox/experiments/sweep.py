@@ -64,8 +64,12 @@ class Sweep:
 
     Attributes
     ----------
-    starts : (n, 3) [m]. unreachable : (m, 3), left out since the arm cannot begin there.
-    score, success : method → mean over the episodes, (n,); the expert among them.
+    starts : ndarray
+        (n, 3) [m].
+    unreachable : ndarray
+        (m, 3), left out since the arm cannot begin there.
+    score, success : Mapping[str, ndarray]
+        Method → mean over the episodes, (n,); the expert among them.
     """
 
     starts: np.ndarray
@@ -142,13 +146,25 @@ def sweep_starts(
 
     Parameters
     ----------
-    task : of the policies. policies : look's name → policy. grid : of starts.
-    episodes : from each start; with one the start is exact, with more the joint angles vary. seed : of that.
-    threads : of the simulation. progress : told how it goes.
+    task : Task
+        Of the policies.
+    policies : Mapping[str, Policy]
+        Look's name → policy.
+    grid : StartGrid, optional
+        Of starts.
+    episodes : int
+        From each start; with one the start is exact, with more the joint angles vary.
+    seed : int
+        Of that.
+    threads : int
+        Of the simulation.
+    progress : Progress, optional
+        Told how it goes.
 
     Raises
     ------
-    InputError : no start of the grid can be reached.
+    InputError
+        No start of the grid can be reached.
     """
     progress = progress or Progress()
     episodes = integer("episodes", episodes, low=1)
@@ -192,7 +208,8 @@ def sweep_runs(skills: Sequence[Skill], **options: Any) -> Sweep:
 
     Raises
     ------
-    InputError : the runs are not of the same task.
+    InputError
+        The runs are not of the same task.
     """
     policies: dict[str, Policy] = {}
     task = skills[0].task("train")

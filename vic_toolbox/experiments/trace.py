@@ -16,15 +16,24 @@ class Trace:
 
     Attributes
     ----------
-    time : (T,) [s].
-    error, rate : pose error e and its rate ė, (T, 6).
-    stiffness, damping : diagonals of K and B, (T, 6); the stiffness is zero in the force action space.
-    feedback : feedback wrench F_fb, (T, 6).
-    contact : force of the furniture on the held object, (T,) [N].
-    joints : joint angles, (T, nv) [rad].
-    observations : what the policy saw, (T, n_o).
-    goal : position of the goal, (3,) [m].
-    score : the task's score of the episode.
+    time : ndarray
+        (T,) [s].
+    error, rate : ndarray
+        Pose error e and its rate ė, (T, 6).
+    stiffness, damping : ndarray
+        Diagonals of K and B, (T, 6); the stiffness is zero in the force action space.
+    feedback : ndarray
+        Feedback wrench F_fb, (T, 6).
+    contact : ndarray
+        Force of the furniture on the held object, (T,) [N].
+    joints : ndarray
+        Joint angles, (T, nv) [rad].
+    observations : ndarray
+        What the policy saw, (T, n_o).
+    goal : ndarray
+        Position of the goal, (3,) [m].
+    score : float
+        The task's score of the episode.
     """
 
     time: np.ndarray
@@ -67,11 +76,15 @@ def record_trace(task: Task, act: Callable[[np.ndarray], np.ndarray]) -> Trace:
 
     Parameters
     ----------
-    task : with its scenario. act : observations (1, n_o) → actions (1, n_a).
+    task : Task
+        With its scenario.
+    act : callable
+        Observations (1, n_o) → actions (1, n_a).
 
     Raises
     ------
-    SimulationError : the simulation diverged.
+    SimulationError
+        The simulation diverged.
     """
     environment = VectorEnvironment(task, 1)
     simulation = environment.simulation

@@ -90,15 +90,25 @@ def train(
 
     Parameters
     ----------
-    run : what to train. out : the run's folder (see `run_folder`).
-    resume : take up the run in `out`, if there is one. threads : of the simulation, 0 for all processors.
-    seconds : stop AIRL early once so much time is used up; then the numbers depend on the machine.
-    progress : told how it goes; by default nobody.
+    run : RunConfiguration
+        What to train.
+    out : str or PathLike
+        The run's folder (see `run_folder`).
+    resume : bool
+        Take up the run in `out`, if there is one.
+    threads : int
+        Of the simulation, 0 for all processors.
+    seconds : float
+        Stop AIRL early once so much time is used up; then the numbers depend on the machine.
+    progress : Progress, optional
+        Told how it goes; by default nobody.
 
     Raises
     ------
-    InputError, FileError : bad configuration or folder. KeyboardInterrupt : Ctrl-C; `resume` goes on from
-    there.
+    InputError, FileError
+        Bad configuration or folder.
+    KeyboardInterrupt
+        Ctrl-C; `resume` goes on from there.
     """
     progress = progress or Progress()
     task = make_task(run, "train")

@@ -41,18 +41,29 @@ def transfer(
 
     Parameters
     ----------
-    source : folder of the finished run. scenario : a name, or a start "x,y,z" [m]. out : the new run's
-    folder.
-    fresh : begin with random weights instead of the run's policy: the test of the reward itself.
-    reward : "learned", or "random" for an untrained network, the control.
-    seed : of fresh weights, exploration and minibatches.
-    settings : hyper-parameters; by default those of the source's recipe.
-    episodes, resume, threads, seconds, progress : as for `train`.
+    source : str or PathLike
+        Folder of the finished run.
+    scenario : str
+        A name, or a start "x,y,z" [m].
+    out : str or PathLike
+        The new run's folder.
+    fresh : bool
+        Begin with random weights instead of the run's policy: the test of the reward itself.
+    reward : str
+        "learned", or "random" for an untrained network, the control.
+    seed : int
+        Of fresh weights, exploration and minibatches.
+    settings : TransferConfiguration, optional
+        Hyper-parameters; by default those of the source's recipe.
+    episodes, resume, threads, seconds, progress : int, bool, float, Progress, optional
+        As for `train`.
 
     Raises
     ------
-    InputError, FileError : bad run, scenario or folder. KeyboardInterrupt : Ctrl-C; `resume` goes on from
-    there.
+    InputError, FileError
+        Bad run, scenario or folder.
+    KeyboardInterrupt
+        Ctrl-C; `resume` goes on from there.
     """
     progress = progress or Progress()
     skill = load_skill(source)

@@ -28,22 +28,27 @@ def learning_curves(metrics: Metrics, *, expert_score: float, name: str) -> Figu
 
     Parameters
     ----------
-    metrics : rows of `metrics.jsonl`. expert_score : drawn as a line. name : the method, for its colour.
+    metrics : Metrics
+        Rows of `metrics.jsonl`.
+    expert_score : float
+        Drawn as a line.
+    name : str
+        The method, for its colour.
 
     Returns
     -------
     Figure, or None when there is nothing to draw (a method without iterations).
     """
     panels = [panel for panel in _PANELS if len(_series(metrics, panel[0])[0]) > 1]
-    if "action_error" in {
-        key for key, *_ in panels
-    }:  # both say how the policy improves; the first says it better
+    if any(
+        key == "action_error" for key, *_ in panels
+    ):  # it says better than the reward how the policy improves
         panels = [panel for panel in panels if panel[0] != "objective"]
     if not panels:
         return None
     columns = 2 if len(panels) == 4 else len(panels)
     rows = -(-len(panels) // columns)
-    with style.figure(9.0 if columns > 1 else 4.6, (2.1 if columns == 2 else 2.4) * rows + 0.3) as drawing:
+    with style.figure(9.0, (2.1 if rows > 1 else 2.4) * rows + 0.3) as drawing:
         grid = np.atleast_1d(drawing.subplots(rows, columns, squeeze=False)).ravel()
         for axes, (key, title, label) in zip(grid, panels, strict=False):
             _panel(axes, metrics, key, name=name)
@@ -72,7 +77,7 @@ def _panel(axes: Axes, metrics: Metrics, key: str, *, name: str) -> None:
             color=style.QUIET,
             fontsize=7.5,
         )
-    style.line(axes, iteration, value, name, lw=1.4)
+    axes.plot(iteration, value, color=style.look(name).colour, lw=1.4, zorder=4, label=style.look(name).label)
     if key in ("action_error", "log_std"):
         axes.set_ylim(0.0, 1.08 * value.max())
     for restart in _restarts(metrics):

@@ -20,37 +20,35 @@ Traces = Mapping[str, Trace]
 _AXES = ("x", "y", "z")
 
 
-def gains_over_time(traces: Traces) -> Figure:
-    """Stiffness of each axis, damping factor and distance to the goal, over time.
+def has_gains(traces: Traces) -> bool:
+    """Whether these policies set gains; the others set the wrench itself."""
+    return any(trace.stiffness.any() for trace in traces.values())
 
-    Policies that set the wrench themselves have no stiffness; with none that has one, the feedback wrench is
-    shown.
-    """
-    with_gains = {name: trace for name, trace in traces.items() if trace.stiffness.any()}
-    learned = [name for name in with_gains if name not in ("expert", "constant")]
-    if not learned and len(traces) > len(with_gains):
-        return _wrench_over_time(traces)
+
+def gains_over_time(traces: Traces) -> Figure:
+    """Stiffness of each axis, damping factor and distance to the goal, over time."""
     with style.figure(9.0, 4.6) as drawing:
         grid = drawing.subplots(2, 4, sharex=True)
         for i, axis in enumerate(_AXES):
-            for name, trace in with_gains.items():
+            for name, trace in traces.items():
                 style.line(grid[0, i], trace.time, trace.stiffness[:, i], name)
                 style.line(grid[1, i], trace.time, trace.stiffness[:, 3 + i], name)
             grid[0, i].set_title(f"stiffness along {axis}  [N/m]")
             grid[1, i].set_title(f"stiffness about {axis}  [Nm/rad]")
-        for name, trace in with_gains.items():
+        for name, trace in traces.items():
             style.line(grid[0, 3], trace.time, trace.damping_factor, name)
             style.line(grid[1, 3], trace.time, trace.distance, name)
         grid[0, 3].set_title("damping factor d  [√kg]")
         grid[1, 3].set_title("distance to the goal  [m]")
         _zones(grid[1, 3])
         _finish(drawing, grid)
-        factors = np.concatenate([trace.damping_factor for trace in with_gains.values()])
+        factors = np.concatenate([trace.damping_factor for trace in traces.values()])
         grid[0, 3].set_ylim(factors.min() - 0.4, factors.max() + 0.4)
     return drawing
 
 
-def _wrench_over_time(traces: Traces) -> Figure:
+def wrench_over_time(traces: Traces) -> Figure:
+    """Feedback wrench, distance to the goal and speed, over time."""
     with style.figure(9.0, 4.6) as drawing:
         grid = drawing.subplots(2, 4, sharex=True)
         for name, trace in traces.items():
@@ -96,7 +94,10 @@ def paths(scenes: Mapping[str, Traces], *, plate_radius: float) -> Figure:
 
     Parameters
     ----------
-    scenes : scenario → traces, each with an "expert". plate_radius : of the disc under the goal [m].
+    scenes : Mapping[str, Traces]
+        Scenario → traces, each with an "expert".
+    plate_radius : float
+        Of the disc under the goal [m].
     """
     with style.figure(9.0, 4.4) as drawing:
         left, right = drawing.subfigures(1, 2, width_ratios=(1.5, 1.0), squeeze=False)[0]

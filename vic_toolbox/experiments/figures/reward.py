@@ -23,9 +23,16 @@ class RewardSlice:
 
     Attributes
     ----------
-    name : of the quantity, with its unit. value : grid of it, (m,). distance : to the goal at each state,
-    (n,) [m].
-    reward : (n, m). chosen : method → what it chose at each state, (n,).
+    name : str
+        Of the quantity, with its unit.
+    value : ndarray
+        Grid of it, (m,).
+    distance : ndarray
+        To the goal at each state, (n,) [m].
+    reward : ndarray
+        (n, m).
+    chosen : Mapping[str, ndarray]
+        Method → what it chose at each state, (n,).
     """
 
     name: str
@@ -61,7 +68,8 @@ def reward_landscape(slices: list[RewardSlice]) -> Figure:
                 )
                 style.line(axes, part.distance, chosen, name, **over)
             axes.set(title=part.name, xlabel="distance to the goal  [m]")
-            axes.margins(y=0.02)
+            margin = 0.02 * (part.value[-1] - part.value[0])
+            axes.set_ylim(part.value[0] - margin, part.value[-1] + margin)
             axes.set_xlim(part.distance.max(), part.distance.min())
             axes.grid(visible=False)
             drawing.colorbar(image, ax=axes, label="reward below the best", pad=0.02).outline.set_visible(

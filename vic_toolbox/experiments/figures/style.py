@@ -121,7 +121,8 @@ def save(drawing: Figure, path: Path) -> Path:
 
     Raises
     ------
-    FileError : the file cannot be written.
+    FileError
+        The file cannot be written.
     """
     with matplotlib.rc_context(RC), atomic_path(path) as temporary:
         drawing.savefig(temporary, dpi=150, metadata={"Date": None} if path.suffix == ".svg" else None)

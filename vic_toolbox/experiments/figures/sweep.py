@@ -26,10 +26,16 @@ def sweep_maps(
 
     Parameters
     ----------
-    starts : (n, 3) [m]. goal : (3,) [m]. unreachable : (m, 3), starts that the arm cannot take, drawn as
-    crosses.
-    relative_difference : method → (n,), relative difference to the expert.
-    success : method → (n,), share of successes; the expert's too.
+    starts : ndarray
+        (n, 3) [m].
+    goal : ndarray
+        (3,) [m].
+    unreachable : ndarray
+        (m, 3), starts that the arm cannot take, drawn as crosses.
+    relative_difference : Mapping[str, ndarray]
+        Method → (n,), relative difference to the expert.
+    success : Mapping[str, ndarray]
+        Method → (n,), share of successes; the expert's too.
     """
     names = list(relative_difference)
     with style.figure(3.0 * max(len(names), 2) + 0.8, 6.2) as drawing:
