@@ -197,7 +197,18 @@ def markdown(table: list[dict], sweeps: dict[int, Sweep], command: str) -> str:
         f"| {row} | " + " | ".join(_cell_text(by_cell.get((row, scenario))) for scenario in SCENARIOS) + " |"
         for row in rows
     ]
-    lines += ["", "## Starts all around the arm, without transfer", ""]
+    lines += [
+        "",
+        "*Random reward*: the same optimisation under an untrained reward network, the control. *Fresh policy*: from random",
+        f"weights, {FRESH_ITERATIONS} iterations; otherwise the trained policy continues.",
+        "",
+        "## Starts all around the arm, without transfer",
+        "",
+        "![Relative difference and success over the starts](starts/sweep.svg)",
+        "",
+        "The figure shows the first seed.",
+        "",
+    ]
     lines += ["| policy | seed | mean difference | worst | success |", "|---|---|---|---|---|"]
     for seed, found in sweeps.items():
         lines += [

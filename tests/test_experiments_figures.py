@@ -210,6 +210,19 @@ def test_without_a_terminal_progress_is_lines():
     assert re.fullmatch(r"  done in \d+ s", lines[-1])
 
 
+def test_a_stage_that_breaks_off_is_not_called_done():
+    text = io.StringIO()
+
+    def broken_off() -> None:
+        with ConsoleProgress(Console(file=text, width=80)) as progress:
+            progress.stage("imitation", 4)
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        broken_off()
+    assert text.getvalue() == "imitation ...\n"
+
+
 def test_on_a_terminal_progress_is_bars():
     text = io.StringIO()
     with ConsoleProgress(Console(file=text, width=120, force_terminal=True)) as progress:

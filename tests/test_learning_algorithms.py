@@ -206,6 +206,8 @@ def test_policy_and_reward_survive_the_disk(tmp_path):
     assert torch.equal(loaded.theta, policy.theta)
     np.testing.assert_array_equal(loaded.observation_scale, policy.observation_scale)
     assert torch.equal(load_reward(tmp_path / "reward.safetensors").theta, reward.theta)
+    save_policy(tmp_path / "again.safetensors", policy)
+    assert (tmp_path / "again.safetensors").read_bytes() == (tmp_path / "policy.safetensors").read_bytes()
 
 
 def test_damaged_weight_files_are_refused(tmp_path):

@@ -48,17 +48,17 @@ def write_demo_report(
     Parameters
     ----------
     path : Path
-        Of the HTML file.
+        The HTML file to write.
     skills : Mapping[str, Skill]
-        "airl", "bc", "constant", and "transfer" for AIRL's after transfer.
+        The runs "airl", "bc", "constant", and "transfer" for the AIRL policy after transfer.
     unseen : str
-        The scenario that the skill was carried to.
+        Scenario that the skill was carried to.
     notes : Sequence[str]
         What the reader must know.
     next_steps : Sequence[tuple[str, str]]
-        (command, what it does).
+        Pairs of a command and what it does.
     threads : int
-        Of the simulation.
+        Threads of the simulation, 0 for all processors; the numbers do not depend on it.
     """
     airl, carried = skills["airl"], skills["transfer"]
     others = {name: skills[name] for name in ("bc", "constant")}

@@ -123,18 +123,20 @@ def run_episodes(
 
     Parameters
     ----------
-    task, act : Task, callable
-        What and who.
+    task : Task
+        What to do.
+    act : callable
+        Policy: observations (n, observation_size) → actions (n, action_size).
     episodes : int
         Number of starts.
     seed : int
-        Of the starts.
+        Draws the starts.
     start_noise : float
         Standard deviation of the start joint angles [rad].
-    scenarios : Sequence[Any], optional
+    scenarios : sequence, optional
         One for each episode; by default the task's.
     threads : int
-        Of the simulation, 0 for all processors; the numbers do not depend on it.
+        Threads of the simulation, 0 for all processors; the numbers do not depend on it.
 
     Raises
     ------
@@ -186,9 +188,9 @@ def judge(
     Parameters
     ----------
     task : Task
-        With the scenario to judge on.
-    policies : Mapping[str, Policy]
-        Name → policy.
+        Task with the scenario to judge on.
+    policies : dict of Policy
+        What to judge, by any name.
     episodes, seed, threads : int
         See :func:`run_episodes`.
     """

@@ -35,6 +35,15 @@ def film(path: Path, traces: Mapping[str, Trace], task: Task) -> str:
 
     Without an OpenGL library the arm is drawn as lines instead, and the caption says so.
 
+    Parameters
+    ----------
+    path : Path
+        The ``.mp4`` file to write.
+    traces : dict of Trace
+        What to show, by look, from left to right.
+    task : Task
+        Task of the traces.
+
     Returns
     -------
     str

@@ -63,15 +63,17 @@ def run_to_end(
     Parameters
     ----------
     learner : Learner
-        Changed in place.
+        What learns; it is changed.
     folder : RunFolder
-        Metrics and checkpoints go there.
-    mean_score : Callable[[], float]
-        Score of the present mean policy; asked for every `every` iterations, only to be shown.
+        Where metrics and checkpoints go.
+    mean_score : callable
+        Returns the score of the present mean policy; asked for every `every` iterations, only to be shown.
     every : int
         Iterations between two checkpoints.
     seconds : float
-        Stop early once the run has used up so much time (all its pieces together).
+        Stop early once the run has used up so much time, all its pieces together [s].
+    progress : Progress
+        Told the iteration and the score.
 
     Returns
     -------

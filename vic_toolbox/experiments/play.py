@@ -37,10 +37,12 @@ def show_skill(skill: Skill, scenario: str | None, *, seed: int = 0) -> str:
 
     Parameters
     ----------
-    skill, scenario : Skill, str
-        Who and where.
+    skill : Skill
+        The policy.
+    scenario : str, optional
+        A name, or a start "x,y,z" [m]; by default that of the run.
     seed : int
-        Of the start's small variation; 0 starts exactly at the scenario.
+        Draws a small variation of the start; 0 starts exactly at the scenario.
 
     Raises
     ------

@@ -29,14 +29,14 @@ class Progress:
     def say(self, text: str) -> None:
         """Tell something that stays on the screen."""
 
-    def close(self) -> None:
-        """End the last stage."""
+    def close(self, *, finished: bool = True) -> None:
+        """End the last stage, which may have broken off."""
 
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, *_: object) -> None:
-        self.close()
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        self.close(finished=kind is None)
 
 
 class ConsoleProgress(Progress):
@@ -48,7 +48,7 @@ class ConsoleProgress(Progress):
     console : Console
         Where to write.
     interval : float
-        Seconds between two lines without a terminal.
+        Time between two lines without a terminal [s].
     """
 
     def __init__(self, console: Console, *, interval: float = 5.0):
@@ -93,9 +93,10 @@ class ConsoleProgress(Progress):
         """Print above the bars."""
         self.console.print(text, markup=False, highlight=False, soft_wrap=True)
 
-    def close(self) -> None:
-        """End the last stage and the bars."""
-        self._finish()
+    def close(self, *, finished: bool = True) -> None:
+        """End the last stage, unless it broke off, and the bars."""
+        if finished:
+            self._finish()
         if self._bars:
             self._bars.stop()
 

@@ -135,13 +135,13 @@ def write_report(
     Parameters
     ----------
     path : Path
-        Of the HTML file.
+        The HTML file to write.
     title, subtitle, summary : str
-        Its head; the summary is the result in one or two sentences.
+        Head of the page; the summary is the result in one or two sentences.
     tiles : Sequence[tuple[str, str]]
-        The few numbers that matter, (number, what it is).
+        The few numbers that matter, each with what it is.
     parts : Sequence[Part]
-        The rest, in order.
+        The rest of the page, in order.
 
     Raises
     ------

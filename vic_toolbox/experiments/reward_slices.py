@@ -26,13 +26,15 @@ def reward_slices(
     Parameters
     ----------
     task : Task
-        Of the run.
-    reward, policy : RewardNetwork, GaussianPolicy
-        Of the run.
+        The run's task.
+    reward : RewardNetwork
+        Its reward.
+    policy : GaussianPolicy
+        Its policy.
     expert : Trace
-        One of its episodes.
+        One episode of the expert.
     name : str
-        What figures call the policy.
+        Look of the policy.
     """
     states = expert.observations[_evenly_spaced(expert.distance)]
     distance = np.linalg.norm(states[:, -12:-9], axis=1)

@@ -40,7 +40,7 @@ class RunFolder:
     Attributes
     ----------
     path : Path
-        Path.
+        The folder.
     kind : str
         "training" or "transfer".
     configuration : Mapping[str, Any]

@@ -35,9 +35,9 @@ def report_run(skill: Skill, *, before: Skill | None = None, threads: int = 0) -
     skill : Skill
         The finished run.
     before : Skill, optional
-        The policy that a transfer began with.
+        The policy that a transfer began with, shown beside it.
     threads : int
-        Of the simulation.
+        Threads of the simulation, 0 for all processors; the numbers do not depend on it.
     """
     task, label = skill.task(), style.look(skill.look).label
     policies = _contestants(task, skill, before)

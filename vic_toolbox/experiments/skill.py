@@ -22,7 +22,7 @@ class Skill:
     Attributes
     ----------
     folder : RunFolder
-        Its run.
+        Folder of its run.
     run : RunConfiguration
         Configuration of the training run.
     transfer : TransferRunConfiguration

@@ -64,12 +64,12 @@ class Sweep:
 
     Attributes
     ----------
-    starts : ndarray
-        (n, 3) [m].
-    unreachable : ndarray
-        (m, 3), left out since the arm cannot begin there.
-    score, success : Mapping[str, ndarray]
-        Method → mean over the episodes, (n,); the expert among them.
+    starts : ndarray, shape (n, 3)
+        Starts that were judged [m].
+    unreachable : ndarray, shape (m, 3)
+        Starts that were left out, since the arm cannot begin there [m].
+    score, success : dict of ndarray, shape (n,)
+        Mean over the episodes, by look; the expert among them.
     """
 
     starts: np.ndarray
@@ -147,19 +147,19 @@ def sweep_starts(
     Parameters
     ----------
     task : Task
-        Of the policies.
-    policies : Mapping[str, Policy]
-        Look's name → policy.
+        Task of the policies; its own scenario does not matter.
+    policies : dict of Policy
+        What to judge, by look.
     grid : StartGrid, optional
-        Of starts.
+        Where to start.
     episodes : int
-        From each start; with one the start is exact, with more the joint angles vary.
+        Episodes from each start; one begins exactly there, more vary the joint angles a little.
     seed : int
-        Of that.
+        Draws that variation.
     threads : int
-        Of the simulation.
+        Threads of the simulation, 0 for all processors; the numbers do not depend on it.
     progress : Progress, optional
-        Told how it goes.
+        Told how it goes; by default nobody.
 
     Raises
     ------

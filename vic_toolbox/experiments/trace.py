@@ -16,22 +16,22 @@ class Trace:
 
     Attributes
     ----------
-    time : ndarray
-        (T,) [s].
-    error, rate : ndarray
-        Pose error e and its rate ė, (T, 6).
-    stiffness, damping : ndarray
-        Diagonals of K and B, (T, 6); the stiffness is zero in the force action space.
-    feedback : ndarray
-        Feedback wrench F_fb, (T, 6).
-    contact : ndarray
-        Force of the furniture on the held object, (T,) [N].
-    joints : ndarray
-        Joint angles, (T, nv) [rad].
-    observations : ndarray
-        What the policy saw, (T, n_o).
-    goal : ndarray
-        Position of the goal, (3,) [m].
+    time : ndarray, shape (T,)
+        Since the start [s].
+    error, rate : ndarray, shape (T, 6)
+        Pose error e and its rate ė.
+    stiffness, damping : ndarray, shape (T, 6)
+        Diagonals of K and B; the stiffness is zero in the force action space.
+    feedback : ndarray, shape (T, 6)
+        Feedback wrench F_fb.
+    contact : ndarray, shape (T,)
+        Force of the furniture on the held object [N].
+    joints : ndarray, shape (T, nv)
+        Joint angles [rad].
+    observations : ndarray, shape (T, observation_size)
+        What the policy saw.
+    goal : ndarray, shape (3,)
+        Position of the goal [m].
     score : float
         The task's score of the episode.
     """
@@ -77,9 +77,9 @@ def record_trace(task: Task, act: Callable[[np.ndarray], np.ndarray]) -> Trace:
     Parameters
     ----------
     task : Task
-        With its scenario.
+        Task with its scenario.
     act : callable
-        Observations (1, n_o) → actions (1, n_a).
+        Policy: observations (1, observation_size) → actions (1, action_size).
 
     Raises
     ------

@@ -93,13 +93,13 @@ def train(
     run : RunConfiguration
         What to train.
     out : str or PathLike
-        The run's folder (see `run_folder`).
+        The run's folder (see :mod:`~vic_toolbox.experiments.run_folder`).
     resume : bool
         Take up the run in `out`, if there is one.
     threads : int
-        Of the simulation, 0 for all processors.
+        Threads of the simulation, 0 for all processors; the numbers do not depend on it.
     seconds : float
-        Stop AIRL early once so much time is used up; then the numbers depend on the machine.
+        Stop AIRL early once so much time is used up [s]; then the numbers depend on the machine.
     progress : Progress, optional
         Told how it goes; by default nobody.
 

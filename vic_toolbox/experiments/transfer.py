@@ -52,11 +52,13 @@ def transfer(
     reward : str
         "learned", or "random" for an untrained network, the control.
     seed : int
-        Of fresh weights, exploration and minibatches.
+        Draws fresh weights, exploration and minibatches.
     settings : TransferConfiguration, optional
         Hyper-parameters; by default those of the source's recipe.
-    episodes, resume, threads, seconds, progress : int, bool, float, Progress, optional
-        As for `train`.
+    episodes : int
+        Episodes of the evaluation at the end.
+    resume, threads, seconds, progress
+        As for :func:`~vic_toolbox.experiments.training.train`.
 
     Raises
     ------

@@ -35,7 +35,7 @@ def save_tensors(
         The file cannot be written (no space, no permission); an earlier file of that name is untouched.
     """
     contiguous = {name: tensor.detach().contiguous().clone() for name, tensor in tensors.items()}
-    metadata = {"format": FORMAT, "header": json.dumps(header)}
+    metadata = {FORMAT: json.dumps(header)}  # one entry: safetensors writes several in no fixed order
     write_atomically(path, save(contiguous, metadata=metadata))
 
 
@@ -54,11 +54,9 @@ def load_tensors(
         with safe_open(path, framework="pt") as file:
             metadata = file.metadata() or {}
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 (not a mapping)
-        if metadata.get("format") != FORMAT:
-            raise FileError(
-                f"{path} has format {metadata.get('format')!r}; expected {FORMAT!r}: train it again"
-            )
-        header = json.loads(metadata["header"])
+        if FORMAT not in metadata:
+            raise FileError(f"{path} is no {FORMAT} file (it says {list(metadata)!r:.100}); train it again")
+        header = json.loads(metadata[FORMAT])
     except (OSError, SafetensorError, KeyError, json.JSONDecodeError) as error:
         if isinstance(error, FileError):
             raise

@@ -28,16 +28,17 @@ def learning_curves(metrics: Metrics, *, expert_score: float, name: str) -> Figu
 
     Parameters
     ----------
-    metrics : Metrics
-        Rows of `metrics.jsonl`.
+    metrics : sequence of mappings
+        Rows of ``metrics.jsonl``.
     expert_score : float
-        Drawn as a line.
+        The expert's mean score, drawn as a line.
     name : str
-        The method, for its colour.
+        Look of the method, see :func:`style.look`.
 
     Returns
     -------
-    Figure, or None when there is nothing to draw (a method without iterations).
+    Figure or None
+        None when there is nothing to draw: a method without iterations.
     """
     panels = [panel for panel in _PANELS if len(_series(metrics, panel[0])[0]) > 1]
     if any(

@@ -95,9 +95,9 @@ def paths(scenes: Mapping[str, Traces], *, plate_radius: float) -> Figure:
     Parameters
     ----------
     scenes : Mapping[str, Traces]
-        Scenario → traces, each with an "expert".
+        Traces by scenario and look; every scenario has an "expert".
     plate_radius : float
-        Of the disc under the goal [m].
+        Radius of the disc under the goal [m].
     """
     with style.figure(9.0, 4.4) as drawing:
         left, right = drawing.subfigures(1, 2, width_ratios=(1.5, 1.0), squeeze=False)[0]

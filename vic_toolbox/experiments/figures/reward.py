@@ -24,15 +24,15 @@ class RewardSlice:
     Attributes
     ----------
     name : str
-        Of the quantity, with its unit.
-    value : ndarray
-        Grid of it, (m,).
-    distance : ndarray
-        To the goal at each state, (n,) [m].
-    reward : ndarray
-        (n, m).
-    chosen : Mapping[str, ndarray]
-        Method → what it chose at each state, (n,).
+        The quantity with its unit.
+    value : ndarray, shape (m,)
+        Its values on a grid.
+    distance : ndarray, shape (n,)
+        Distance to the goal at each state [m].
+    reward : ndarray, shape (n, m)
+        Reward of each value at each state.
+    chosen : dict of ndarray, shape (n,)
+        What each policy chose, by look.
     """
 
     name: str

@@ -26,16 +26,16 @@ def sweep_maps(
 
     Parameters
     ----------
-    starts : ndarray
-        (n, 3) [m].
-    goal : ndarray
-        (3,) [m].
-    unreachable : ndarray
-        (m, 3), starts that the arm cannot take, drawn as crosses.
-    relative_difference : Mapping[str, ndarray]
-        Method → (n,), relative difference to the expert.
-    success : Mapping[str, ndarray]
-        Method → (n,), share of successes; the expert's too.
+    starts : ndarray, shape (n, 3)
+        Starts that were judged [m].
+    goal : ndarray, shape (3,)
+        Position of the goal [m].
+    relative_difference : dict of ndarray, shape (n,)
+        Relative difference to the expert, by look.
+    success : dict of ndarray, shape (n,)
+        Share of successes, by look; the expert's too.
+    unreachable : ndarray, shape (m, 3)
+        Starts that the arm cannot take, drawn as dots [m].
     """
     names = list(relative_difference)
     with style.figure(3.0 * max(len(names), 2) + 0.8, 6.2) as drawing:
