@@ -142,11 +142,12 @@ def timed(job: Callable[..., Iterator[Cell]], *arguments: object) -> tuple[list[
     return list(job(*arguments)), time.perf_counter() - began
 
 
-def sweep(out: Path, seed: int) -> Sweep:
-    """Trained policies, not transferred, from starts all around the arm."""
-    task = make(TASK)
-    rows = {"airl": load_skill(out / f"gain-airl-{seed}"), "bc": load_skill(out / f"gain-bc-{seed}")}
-    policies = {name: skill.judged for name, skill in rows.items()} | {"constant": Policy.constant(task)}
+def sweep(out: Path, action: str, seed: int) -> Sweep:
+    """Trained policies, not transferred, and the constant gain, from starts all around the arm."""
+    task = make(TASK, action=action)
+    policies = {method: load_skill(out / f"{action}-{method}-{seed}").judged for method in ("airl", "bc")} | {
+        "constant": Policy.constant(task)
+    }
     return sweep_starts(task, policies)
 
 
@@ -180,7 +181,7 @@ def summarise(cells: list[Cell]) -> list[dict]:
     return table
 
 
-def markdown(table: list[dict], sweeps: dict[int, Sweep], command: str) -> str:
+def markdown(table: list[dict], sweeps: dict[tuple[str, int], Sweep], command: str) -> str:
     """The tables as a page."""
     rows = list(dict.fromkeys(entry["row"] for entry in table))
     by_cell = {(entry["row"], entry["scenario"]): entry for entry in table}
@@ -199,21 +200,21 @@ def markdown(table: list[dict], sweeps: dict[int, Sweep], command: str) -> str:
     ]
     lines += [
         "",
-        "*Random reward*: the same optimisation under an untrained reward network, the control. *Fresh policy*: from random",
-        f"weights, {FRESH_ITERATIONS} iterations; otherwise the trained policy continues.",
+        "*Random reward*: the same optimisation under an untrained reward network, the control.",
+        f"*Fresh policy*: from random weights, {FRESH_ITERATIONS} iterations; otherwise the trained policy continues.",
         "",
         "## Starts all around the arm, without transfer",
         "",
         "![Relative difference and success over the starts](starts/sweep.svg)",
         "",
-        "The figure shows the first seed.",
+        "The figure shows the gain policies of the first seed.",
         "",
     ]
-    lines += ["| policy | seed | mean difference | worst | success |", "|---|---|---|---|---|"]
-    for seed, found in sweeps.items():
+    lines += ["| action | policy | seed | mean difference | worst | success |", "|---|---|---|---|---|---|"]
+    for (action, seed), found in sweeps.items():
         lines += [
-            f"| {name} | {seed} | {entry['relative_difference_mean']:.3f} | {entry['relative_difference_worst']:.3f} "
-            f"| {100 * entry['success_rate']:.0f} % |"
+            f"| {action} | {name} | {seed} | {entry['relative_difference_mean']:.3f} "
+            f"| {entry['relative_difference_worst']:.3f} | {100 * entry['success_rate']:.0f} % |"
             for name, entry in found.summary()["methods"].items()
         ]
     return "\n".join(lines) + "\n"
@@ -248,16 +249,19 @@ def main() -> None:
             (cloning_cells, "force"),
         )
     ] + [(constant_cells, chosen.out, "gain", FIRST_SEED)]
-    done = joblib.Parallel(n_jobs=chosen.jobs, verbose=5)(joblib.delayed(timed)(*job) for job in work)
+    jobs = joblib.Parallel(n_jobs=chosen.jobs, verbose=5)(joblib.delayed(timed)(*job) for job in work)
+    done = list(jobs or ())
     table = summarise([cell for cells, _ in done for cell in cells])
-    sweeps = {seed: sweep(chosen.out, seed) for seed in seeds}
-    sweeps[FIRST_SEED].write(chosen.results / "starts")
+    sweeps = {
+        (action, seed): sweep(chosen.out, action, seed) for action in ("gain", "force") for seed in seeds
+    }
+    sweeps["gain", FIRST_SEED].write(chosen.results / "starts")
     command = f"python -m benchmarks.transfer --seeds {chosen.seeds}"
     result = {
         "command": command,
         "processor_hours": sum(seconds for _, seconds in done) / 3600,
         "table": table,
-        "sweep": {seed: found.summary() for seed, found in sweeps.items()},
+        "sweep": {f"{action} {seed}": found.summary() for (action, seed), found in sweeps.items()},
     }
     write_json(chosen.results / "cup_on_plate.json", result)
     write_atomically(chosen.results / "cup_on_plate.md", markdown(table, sweeps, command))
