@@ -44,7 +44,7 @@ PAPER = {
 }
 """Relative score differences that the paper reports (best three of five seeds)."""
 
-FIRST_SEED = 20
+FIRST_SEED = 30
 """Smaller seeds were used while the recipes were made; nothing that is reported comes from them."""
 
 FRESH_ITERATIONS = 120

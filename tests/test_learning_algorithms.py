@@ -29,7 +29,8 @@ from vic_toolbox.learning import (
     save_reward,
 )
 from vic_toolbox.learning.checkpoints import load_tensors, save_tensors
-from vic_toolbox.learning.reward import stratified_rows, train_discriminator
+from vic_toolbox.learning.reward import train_discriminator
+from vic_toolbox.learning.strata import stratified_rows
 
 SEARCH = PolicySearchConfiguration(environments=16)
 SETTINGS = AirlConfiguration(iterations=12, search=SEARCH, restart_after=1000, sharpen_iterations=5)

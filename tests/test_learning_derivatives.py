@@ -62,7 +62,7 @@ def test_network_products_equal_autograd(activation, seed, rows):
         lambda parameters: functional_call(module, parameters, (x,)),
         (dict(module.named_parameters()),),
         (tangents,),
-    )
+    )[1]
     torch.testing.assert_close(
         network.tangent(activations, direction), expected_tangent, rtol=1e-4, atol=1e-5
     )
@@ -203,4 +203,4 @@ def test_log_probability_is_the_normal_density():
 
 def test_an_unknown_activation_is_refused():
     with pytest.raises(InputError, match="gelu"):
-        Mlp((2, 2), "gelu", generator=torch.Generator())[1]
+        Mlp((2, 2), "gelu", generator=torch.Generator())

@@ -15,6 +15,7 @@ import torch
 from vic_toolbox.learning.critic import Critic, CriticConfiguration
 from vic_toolbox.learning.networks import GaussianPolicy
 from vic_toolbox.learning.rollouts import BatchedEnvironment, Rollout, collect, generalised_advantages
+from vic_toolbox.learning.strata import stratified_rows
 from vic_toolbox.learning.trpo import TrpoConfiguration, trpo_step
 
 
@@ -30,7 +31,7 @@ class PolicySearchConfiguration:
     """Units of each of the policy's and the critic's two hidden layers."""
     log_std: float = -0.5
     """Initial logarithm of the policy's standard deviation (normalised action)."""
-    discount: float = 0.9
+    discount: float = 0.8
     """Discount factor γ."""
     trace: float = 0.8
     """Decay λ of the generalised advantages."""
@@ -141,11 +142,12 @@ class PolicySearch:
             self.return_scale.fill_(max(float(returns.std()), 1e-3))
             returns /= float(self.return_scale)
         normalised = (advantages - advantages.mean()) / (advantages.std() + 1e-8)
+        rows = self._evenly(batch, iteration)
         step = trpo_step(
             self.policy,
-            batch.steps,
-            batch.actions,
-            _episode_first(normalised),
+            batch.steps[rows],
+            batch.actions[rows],
+            _episode_first(normalised)[rows],
             divergence_limit=divergence_limit,
             configuration=settings.trpo,
         )
@@ -163,6 +165,11 @@ class PolicySearch:
             "log_std": float(self.policy.log_std.mean()),
             "critic_error": error,
         }
+
+    def _evenly(self, batch: Batch, iteration: int) -> torch.Tensor:
+        """As many rows as the batch has, drawn so that every stratum of the task weighs the same in the step."""
+        strata = self.environment.task.strata(self.policy.unscaled(batch.steps))
+        return stratified_rows(strata, (len(batch.actions),), random_stream(self.seed, 5, iteration))
 
     def _update_average(self) -> None:
         """Bias-corrected exponential average: exact mean of the first few iterates, then a window."""

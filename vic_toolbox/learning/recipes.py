@@ -48,22 +48,25 @@ _CUP_ON_PLATE = Recipe(
     airl=AirlConfiguration(), transfer=TransferConfiguration(), cloning=CloningConfiguration()
 )
 
+_FORCE_SEARCH = replace(_CUP_ON_PLATE.airl.search, log_std=-1.5, discount=0.98, trace=0.97)
+
 # A wrench must be finer than a gain: near the goal the expert's is a tenth of its largest, and it has to balance the
-# arm at every step. Hence less exploration, a steeper reward, and a looser gate for the sharpening.
+# arm at every step; a wrong one takes it to where no demonstration was. Hence less exploration, a steeper reward, a
+# longer horizon, and a looser gate for the sharpening.
 _CUP_ON_PLATE_FORCE = replace(
     _CUP_ON_PLATE,
     airl=replace(
         _CUP_ON_PLATE.airl,
-        slope_bound=10.0,
+        slope_bound=7.0,
         slope_bound_final=30.0,
-        expert_noise=0.1,
+        expert_noise=0.15,
         expert_noise_final=0.02,
         sharpen_below=0.65,
         sharpen_iterations=100,
-        restart_above=0.75,
-        search=replace(_CUP_ON_PLATE.airl.search, log_std=-1.5),
+        restart_above=0.9,
+        search=_FORCE_SEARCH,
     ),
-    transfer=replace(_CUP_ON_PLATE.transfer, search=replace(_CUP_ON_PLATE.transfer.search, log_std=-1.5)),
+    transfer=replace(_CUP_ON_PLATE.transfer, search=_FORCE_SEARCH),
 )
 
 _RECIPES: dict[tuple[str, str], Recipe] = {

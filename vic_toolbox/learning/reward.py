@@ -20,6 +20,7 @@ import numpy as np
 import torch
 
 from vic_toolbox.learning.networks import Mlp
+from vic_toolbox.learning.strata import stratified_rows
 
 
 @dataclass(frozen=True)
@@ -54,20 +55,6 @@ class RewardNetwork:
 
 
 Samples = tuple[torch.Tensor, torch.Tensor, np.ndarray]
-
-
-def stratified_rows(strata: np.ndarray, shape: tuple[int, ...], rng: np.random.Generator) -> torch.Tensor:
-    """Row numbers drawn with replacement so that each stratum that occurs has the same chance.
-
-    `strata` (n,) holds non-negative integers.
-    """
-    order = np.argsort(strata.astype(np.int16), kind="stable")  # 16 bits: a radix sort
-    counts = np.bincount(strata)
-    counts = counts[counts > 0]
-    first = np.cumsum(counts) - counts
-    drawn = rng.integers(len(counts), size=shape)
-    within = (rng.random(shape) * counts[drawn]).astype(np.int64)
-    return torch.from_numpy(order[first[drawn] + within])
 
 
 def slope_penalty(network: Mlp, samples: torch.Tensor, *, bound: float) -> tuple[torch.Tensor, torch.Tensor]:
