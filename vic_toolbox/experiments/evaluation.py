@@ -98,9 +98,9 @@ class Evaluation:
     expert_success_rate: float
     """The expert's share of successes."""
     relative_difference: float
-    """|score − expert's| / |expert's|."""
+    """``|score − expert's| / |expert's|``."""
     signed_difference: float
-    """(expert's − score) / |expert's|: positive is worse than the expert."""
+    """``(expert's − score) / |expert's|``: positive is worse than the expert."""
     peak_force_mean: float
     """Mean over the episodes of the largest contact force [N]."""
 

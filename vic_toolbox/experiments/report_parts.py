@@ -115,7 +115,7 @@ def _cells(label: str, row: Evaluation) -> tuple[str, ...]:
 
 
 def difference(row: Evaluation) -> str:
-    """|S − S_e| / |S_e|, and on which side."""
+    """``|S − S_e| / |S_e|``, and on which side."""
     if row.method == "expert":
         return "–"
     return f"{row.relative_difference:.3f} {'worse' if row.signed_difference > 0 else 'better'}"

@@ -1,14 +1,14 @@
 """A run on disk: a folder that says what was run, how it went, and what came out.
 
-======================  ==========================================================================
-``config.json``         the complete configuration and the package's version
-``metrics.jsonl``       one JSON object for each iteration
+==========================  ==========================================================================
+``config.json``             the complete configuration and the package's version
+``metrics.jsonl``           one JSON object for each iteration
 ``checkpoint.safetensors``  state of an unfinished run, replaced as a whole every few iterations
-``demonstrations.npz``  what the expert did
-``policy.safetensors``  the policy; ``reward.safetensors`` the learned reward
-``evaluation.json``     the latest evaluation; all of them under ``evaluations/<scenario>/``
-``figures/``            figures; ``report.html`` shows them all
-======================  ==========================================================================
+``demonstrations.npz``      what the expert did
+``policy.safetensors``      the policy; ``reward.safetensors`` the learned reward
+``evaluation.json``         the latest evaluation; all of them under ``evaluations/<scenario>/``
+``figures/``                figures; ``report.html`` shows them all
+==========================  ==========================================================================
 
 A process may be killed at any moment: every file but ``metrics.jsonl`` is old or new, never a part, and the
 lines of ``metrics.jsonl`` beyond the last checkpoint are cut off when the run is taken up again.

@@ -79,7 +79,7 @@ class Sweep:
 
     @property
     def relative_difference(self) -> dict[str, np.ndarray]:
-        """|S − S_e| / |S_e| of each method but the expert, (n,)."""
+        """``|S − S_e| / |S_e|`` of each method but the expert, (n,)."""
         expert = self.score["expert"]
         return {name: np.abs((s - expert) / expert) for name, s in self.score.items() if name != "expert"}
 

@@ -159,7 +159,7 @@ class CupOnPlate:
     def start(
         self, simulation: ArmSimulation, scenarios: Sequence[Any], *, noise: float, rng: np.random.Generator
     ) -> None:
-        """Put simulation i at rest at ``scenarios[i]``, every joint angle off by N(0, ``noise``²) [rad]."""
+        """Put simulation i at rest at ``scenarios[i]``, every joint angle off by N(0, noise²) [rad]."""
         starts = [as_scenario(scenario).start for scenario in scenarios]
         qpos = np.array([start_angles(start) for start in starts])
         qpos += noise * rng.standard_normal(qpos.shape)
