@@ -9,7 +9,7 @@ PIP    := $(BIN)/python -m pip --disable-pip-version-check
 PYTEST := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test check lint notebooks slow docs bench constraints clean
+.PHONY: help demo test check lint notebooks slow docs bench results constraints clean
 
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "  make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -40,6 +40,9 @@ docs: $(VENV)/.docs  ## build the documentation into docs/_build/html; a warning
 bench: $(VENV)/.dev  ## measure the simulation and the learner; the last line of each is one JSON object
 	$(BIN)/python -m benchmarks.simulation cup-on-plate
 	$(BIN)/python -m benchmarks.learner
+
+results: $(VENV)/.dev  ## train and judge every method on every start, docs/results (about half an hour on 4 cores)
+	OMP_NUM_THREADS=1 $(BIN)/python -m benchmarks.transfer
 
 constraints:  ## resolve the dependencies anew in a throw-away environment and freeze them
 	rm -rf build/constraints && $(PYTHON) -m venv build/constraints
