@@ -47,8 +47,9 @@ PAPER = {
 FIRST_SEED = 30
 """Smaller seeds were used while the recipes were made; nothing that is reported comes from them."""
 
-FRESH_ITERATIONS = 120
-"""Iterations of a transfer that begins with random weights; one that continues takes the recipe's number."""
+FRESH_ITERATIONS, FRESH_DIVERGENCE = 120, 0.03
+"""Iterations and first trust region of a transfer that begins with random weights, which has farther to go; one that
+continues takes the recipe's."""
 
 
 @dataclass(frozen=True)
@@ -102,7 +103,9 @@ def airl_cells(out: Path, action: str, seed: int) -> Iterator[Cell]:
         yield Cell.of(f"{name}-AIRL, no transfer", seed, judged)
     settings = recipe(TASK, action=action, history=1).transfer
     for kind in TRANSFERS[action]:
-        chosen = replace(settings, iterations=FRESH_ITERATIONS) if kind.fresh else settings
+        chosen = settings
+        if kind.fresh:
+            chosen = replace(settings, iterations=FRESH_ITERATIONS, divergence=FRESH_DIVERGENCE)
         for scenario in UNSEEN:
             start = "fresh" if kind.fresh else "continued"
             moved = transfer(
