@@ -13,10 +13,10 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import joblib
 import numpy as np
@@ -140,9 +140,9 @@ def constant_cells(out: Path, action: str, seed: int) -> Iterator[Cell]:
         yield Cell.of("Constant gain", seed, evaluate(task, Policy.constant(task), threads=1))
 
 
-def timed(job: Callable[..., Iterator[Cell]], *arguments: object) -> tuple[list[Cell], float]:
-    began = time.perf_counter()
-    return list(job(*arguments)), time.perf_counter() - began
+def listed(job: Callable[..., Iterator[Cell]], *arguments: object) -> list[Cell]:
+    """All cells of a job, for a worker process to send back."""
+    return list(job(*arguments))
 
 
 def sweep(out: Path, action: str, seed: int) -> Sweep:
@@ -252,9 +252,8 @@ def main() -> None:
             (cloning_cells, "force"),
         )
     ] + [(constant_cells, chosen.out, "gain", FIRST_SEED)]
-    jobs = joblib.Parallel(n_jobs=chosen.jobs, verbose=5)(joblib.delayed(timed)(*job) for job in work)
-    done = list(jobs or ())
-    table = summarise([cell for cells, _ in done for cell in cells])
+    done: Any = joblib.Parallel(n_jobs=chosen.jobs, verbose=5)(joblib.delayed(listed)(*job) for job in work)
+    table = summarise([cell for cells in done for cell in cells])
     sweeps = {
         (action, seed): sweep(chosen.out, action, seed) for action in ("gain", "force") for seed in seeds
     }
@@ -262,7 +261,6 @@ def main() -> None:
     command = f"python -m benchmarks.transfer --seeds {chosen.seeds}"
     result = {
         "command": command,
-        "processor_hours": sum(seconds for _, seconds in done) / 3600,
         "table": table,
         "sweep": {f"{action} {seed}": found.summary() for (action, seed), found in sweeps.items()},
     }
