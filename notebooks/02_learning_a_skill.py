@@ -49,8 +49,8 @@ BLUE, ORANGE, GREEN, PINK, GREY = "#0072b2", "#d55e00", "#009e73", "#cc79a7", st
 #
 # **Cup-on-Plate**, in one paragraph: an arm puts a cup on a plate. A hundred times a second a policy sees
 # the pose error and its rate, $o = (e, \dot e)$, and chooses an action $a \in [-1, 1]^7$: six stiffnesses
-# and a damping factor $d$. The score takes off for the error while far ($s > 0.2$ m) and for the speed
-# while near ($s \le 0.4$ m), with $s$ the distance to the goal.
+# and a damping factor $d$. The score punishes the error while far ($s > 0.2$ m) and the speed while near
+# ($s \le 0.4$ m), with $s$ the distance to the goal.
 #
 # `record` lets the expert do it 60 times from the training start; ten of the recordings are held out, to
 # judge the learning. While the expert works somebody **pushes** the cup, at random and gently (5 N), so
@@ -186,9 +186,9 @@ compare(policies, ["train"])
 #
 # $$ D = \frac{\exp r(o,a)}{\exp r(o,a) + \pi(a|o)}, \qquad \text{logit } D = r(o,a) - \log\pi(a|o), $$
 #
-# so that a network $r$ has to learn the expert's part alone: $r = \log p_E(a|o) + \text{const}$. See it in
-# one dimension, without any robot: the expert's actions are drawn from $N(0.5,\,0.3^2)$, and three
-# different policies stand against it.
+# so that a network $r$ has to learn the expert's part alone: $r = \log p_E(a|o)$, up to a term of $o$ that
+# says which of the two is there more often. See it in one dimension, without any robot: the expert's
+# actions are drawn from $N(0.5,\,0.3^2)$, and three different policies stand against it.
 
 # %%
 from vic_toolbox.learning import DiscriminatorConfiguration, RewardNetwork
@@ -392,12 +392,12 @@ def turned(reward, name):
 display(reward_landscape([turned(reward, "train"), turned(reward, "other side")]))
 
 # %% [markdown]
-# **What to see.** Pale is what the reward likes best at that distance. On the training path the pale ridge
-# *is* the expert's rule (dashed): stiff beyond 0.4 m, soft below 0.2 m, a blend between; the policy runs
-# along it. On the other side reward and policy agree as well, but with each other and not with the expert:
-# they would be soft all the way. Both have only ever seen one side, where *near* and *far along this path*
-# are the same thing. **A learned reward extrapolates no better than its data.** Keep this picture for
-# section 8.
+# **What to see.** Pale is what the reward likes best at that distance. On the training path the pale
+# ridge *is* the expert's rule (dashed): stiff beyond 0.4 m, soft below 0.2 m, a blend between; the policy
+# runs along it. On the other side reward and policy agree as well, but with each other and not with the
+# expert: they would be soft all the way. Both have only ever seen one side, where the distance and the
+# place along one path are the same thing. **A learned reward extrapolates no better than its data.** Keep
+# this picture for section 8.
 #
 # ## 6 · The skill over time
 #
@@ -536,7 +536,7 @@ for (place, kind, fresh), (_, curve) in found.items():
 for place, panel in panel_of.items():
     panel.axhline(0, color=style.look("expert").colour, lw=5, zorder=1, label="expert")
     panel.set(title=f"start: {place}", xlabel="iteration", ylabel="gap to the expert  [%]")
-figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=5)
+figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
 plt.show()
 
 # %% [markdown]
@@ -569,14 +569,14 @@ display(gains_over_time(carried))
 # **The reward is real.** It was learned from 50 demonstrations of one start, and alone it teaches the
 # schedule, at another start, to a policy that never saw them. An untrained reward does not.
 #
-# **Cloning is strong here.** On T1-T4 it is the best of all, without any transfer: the schedule is a plain
-# function of $(e, \dot e)$, each action comes labelled, and the starts resemble what was shown. With such
-# labels, and no more than this to do, clone: it needs no simulation, where AIRL took 2000 episodes. What
-# sets AIRL apart on this task is not a better score but the reward.
+# **Cloning is strong here.** On T1-T4 it is the best of all, without any transfer: the schedule is a
+# plain function of $(e, \dot e)$, each action comes labelled, and the starts are on the side that was
+# shown. With such labels, and no more than this to do, clone: it needs no simulation, where AIRL took
+# 2000 episodes. What sets AIRL apart on this task is not a better score but the reward.
 #
 # **What kind of reward?** At its best $r = \log p_E(a|o)$: it says *act as the expert would here*, not
 # *what for*. Optimised somewhere else it brings the expert's way of acting along, provided that it is
-# right there; it cannot find a better way than the expert's. Rewards on states alone aim at the purpose
+# right there; it knows of no better way. Rewards on states alone aim at the purpose
 # instead (Fu et al., 2018); this one is about actions, as in the paper, because how stiff to be is what
 # is to be learned.
 #
