@@ -157,7 +157,8 @@ def assert_same(left: dict[str, torch.Tensor], right: dict[str, torch.Tensor]) -
 
 
 @pytest.mark.parametrize(
-    "changes", [{}, {"replay": 3}, {"restart_after": 4, "restart_above": 0.0, "restarts": 1}]
+    "changes",
+    [{}, {"replay": 3}, {"expert_noise": 0.0}, {"restart_after": 4, "restart_above": 0.0, "restarts": 1}],
 )
 def test_a_resumed_run_equals_the_unbroken_one(tmp_path, changes):
     environment = ToyEnvironment()

@@ -181,7 +181,8 @@ class Airl:
         )
 
     def _sharpened(self, initial: float, final: float) -> float:
-        return initial * (final / initial) ** float(self.sharpness)
+        """On the geometric way from the initial to the final value; a zero stays zero."""
+        return initial * (final / initial) ** float(self.sharpness) if initial else 0.0
 
     def _train_reward(self, batch: Batch, index: int) -> dict[str, float]:
         settings, policy = self.configuration, self.search.policy
