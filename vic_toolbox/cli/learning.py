@@ -53,7 +53,7 @@ class Demo:
 class Train:
     """Learn a policy from the expert's demonstrations.
 
-    Every hyper-parameter is an option too, e.g. --airl.slope-bound 6; list them with --help-all.
+    Every hyper-parameter is an option too, e.g. --airl.slope-bound 6; list them with vic train TASK --help-all.
 
     Example: vic train cup-on-plate --method airl --action gain --seed 1 --out runs/airl-1
     """
@@ -122,7 +122,7 @@ class Train:
 class Transfer:
     """Carry a skill over: optimise a policy on another start under the frozen reward of a run.
 
-    Every hyper-parameter is an option too, e.g. --transfer.divergence 0.02; list them with --help-all.
+    Every hyper-parameter is an option too, e.g. --transfer.divergence 0.02; list them with vic transfer RUN --help-all.
 
     Example: vic transfer runs/airl-1 --scenario T1 --out runs/airl-1-T1
     """
