@@ -1,8 +1,9 @@
 """Adversarial inverse reinforcement learning of a reward and a policy from demonstrations.
 
 Each iteration: roll the policy out, teach the reward to tell the expert's samples from the policy's, relabel the
-rollouts with it, take one TRPO step. Three things are added to the textbook algorithm, all of them for a
-deterministic expert, and all decided without looking at a task's score:
+rollouts with it, take one TRPO step, all with even weight for every part of the way (`strata`). Three more things
+are added to the textbook algorithm, all of them for a deterministic expert, and all decided without looking at a
+task's score:
 
 * expert actions carry Gaussian noise, drawn anew each iteration, so that a density ratio exists;
 * the slope bound, the trust region, the reward's step size and that noise are *sharpened* (moved geometrically to

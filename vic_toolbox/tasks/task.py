@@ -10,21 +10,6 @@ import numpy as np
 from vic_toolbox.tasks.starts import Scenario
 
 
-class Simulation(Protocol):
-    """A batch of simulations that a task acts on."""
-
-    count: int
-    qpos: np.ndarray
-
-    def step(self, steps: int) -> None:
-        """Advance all simulations."""
-        ...
-
-    def observe(self) -> np.ndarray:
-        """Pose error and its rate, (count, 12)."""
-        ...
-
-
 class Task(Protocol):
     """A manipulation task. Observations and actions are (n, ·) arrays, actions normalised."""
 
