@@ -25,7 +25,7 @@ from scipy import stats
 from vic_toolbox.experiments.configuration import default_configuration
 from vic_toolbox.experiments.evaluation import Evaluation, Policy, evaluate
 from vic_toolbox.experiments.skill import load_skill
-from vic_toolbox.experiments.sweep import Sweep, sweep_starts
+from vic_toolbox.experiments.start_sweep import Sweep, sweep_starts
 from vic_toolbox.experiments.training import train
 from vic_toolbox.experiments.transfer import transfer
 from vic_toolbox.files import write_atomically, write_json

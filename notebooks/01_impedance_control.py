@@ -481,7 +481,7 @@ starts = list(task.scenarios)
 
 def play(act, scenarios):
     """One episode from each start: what was seen (T, n, 12), contact forces (T, n) [N], how it ended."""
-    environment = VectorEnvironment(task, len(scenarios))
+    environment = VectorEnvironment(task, len(scenarios), start_noise=0.0)
     observation, _ = environment.reset(options={"scenarios": scenarios})
     seen, touch = [], []
     for _ in range(task.horizon):

@@ -431,7 +431,7 @@ compare(policies, list(task.scenarios))
 # %%
 from matplotlib.colors import TwoSlopeNorm
 
-from vic_toolbox.experiments.sweep import StartGrid, sweep_starts
+from vic_toolbox.experiments.start_sweep import StartGrid, sweep_starts
 
 
 def sweep(policies):

@@ -23,13 +23,15 @@ from vic_toolbox.experiments.training import train
 from vic_toolbox.experiments.transfer import transfer
 
 
-def tiny(method: str = "airl", *, iterations: int = 2, **options: Any) -> RunConfiguration:
+def tiny(
+    method: str = "airl", *, task: str = "cup-on-plate", iterations: int = 2, **options: Any
+) -> RunConfiguration:
     """A run of seconds: two simulations, a few iterations, four demonstrations."""
     run = default_configuration(
-        "cup-on-plate",
+        task,
         method,
         episodes=2,
-        demonstrations=DemonstrationConfiguration(count=3, held_out=1),
+        demonstrations=DemonstrationConfiguration.for_task(task, count=3, held_out=1),
         **options,
     )
     airl, carried = run.recipe.airl, run.recipe.transfer
@@ -68,11 +70,12 @@ def figures(*, drawn: bool) -> Iterator[None]:
 
 
 @functools.cache
-def finished(method: str) -> Path:
+def finished(method: str, task: str = "cup-on-plate") -> Path:
     """A finished run, AIRL's with figures; read it, do not change it (see :func:`copy`)."""
+    path = folder() / task / method
     with figures(drawn=method == "airl"):
-        train(tiny(method), folder() / method, threads=1)
-    return folder() / method
+        train(tiny(method, task=task), path, threads=1)
+    return path
 
 
 @functools.cache

@@ -9,7 +9,9 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
+from types import MappingProxyType
 
 import pytest
 
@@ -19,6 +21,7 @@ from vic_toolbox.cli import main
 from vic_toolbox.cli.commands import COMMANDS
 from vic_toolbox.experiments.demo import _next_steps
 from vic_toolbox.tasks import rendering
+from vic_toolbox.tasks.peg_in_hole import PegInHole
 
 
 @pytest.fixture(autouse=True)
@@ -151,9 +154,36 @@ def test_a_sweep_from_the_command_line(tmp_path: Path, capsys: pytest.CaptureFix
     out = capsys.readouterr().out
     assert re.search(r"^airl +0\.\d+ +0\.\d+ +\d+ %", out, re.MULTILINE)
     assert re.search(r"^bc ", out, re.MULTILINE)
-    assert {path.name for path in (run / "evaluations" / "sweep").iterdir()} == {
+    assert {path.name for path in (run / "evaluations" / "sweep-start").iterdir()} == {
         "sweep.csv", "sweep.json", "sweep.svg",
     }  # fmt: skip
+
+
+def test_a_difficulty_sweep_from_the_command_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture, monkeypatch: pytest.MonkeyPatch
+):
+    axis = replace(PegInHole().sweeps["tilt"], values=(-6.0, 2.0))
+    monkeypatch.setattr(PegInHole, "sweeps", MappingProxyType({"tilt": axis}))
+    run = copy(finished("bc", "peg-in-hole"), tmp_path / "run")
+    other = finished("constant", "peg-in-hole")
+    line = ["evaluate", str(run), "--sweep", "tilt", "--episodes", "2", "--against", str(other)]
+    assert main(line) == 0
+    out = capsys.readouterr().out
+    assert re.search(r"^success \[%\] +area +-6 +2", out, re.MULTILINE)
+    assert re.search(r"^expert +1\.00 +100 +100", out, re.MULTILINE)
+    assert re.search(r"^matched ", out, re.MULTILINE)
+    assert "tilt  [deg], 2 episodes at each value" in out
+    folder = run / "evaluations" / "sweep-tilt"
+    assert {path.name for path in folder.iterdir()} == {"sweep.csv", "sweep.json", "sweep.svg"}
+    assert set(json.loads((folder / "sweep.json").read_text())["methods"]) >= {"bc", "constant"}
+
+
+def test_the_folder_of_a_transfer_is_called_by_its_scenario(tmp_path: Path, capsys: pytest.CaptureFixture):
+    run = copy(finished("airl", "peg-in-hole"), tmp_path / "run")
+    line = ["transfer", str(run), "--scenario", "scale=.50,tilt=-4", "--iterations", "1", "--episodes", "1"]
+    assert main(line) == 0
+    assert capsys.readouterr().out.startswith("tilt=-4,scale=0.5: score ")
+    assert (tmp_path / "run-tilt=-4,scale=0.5" / "report.html").exists()
 
 
 def test_robots_are_listed(capsys: pytest.CaptureFixture):
@@ -205,7 +235,12 @@ def test_tasks_are_listed(capsys: pytest.CaptureFixture):
     assert re.search(
         r"^cup-on-plate +vic/CupOnPlate-v0 +gain \(7\), force \(6\) +500 steps, 5 s", out, re.MULTILINE
     )
-    assert re.search(r"^cup-on-plate +T1 +0\.35, -0\.35, 0\.45", out, re.MULTILINE)
+    assert re.search(r"^cup-on-plate +T1 +0\.35, −0\.35, 0\.45 m", out, re.MULTILINE)
+    assert re.search(r'^cup-on-plate +your own +a start "x,y,z" \[m\]', out, re.MULTILINE)
+    assert re.search(
+        r"^peg-in-hole +vic/PegInHole-v0 +gain \(6\), force \(6\) +200 steps, 4 s", out, re.MULTILINE
+    )
+    assert re.search(r"^peg-in-hole +tilt=-6 +tilt [-−]6", out, re.MULTILINE)
 
 
 # --- what can go wrong ---------------------------------------------------------------------------------------
@@ -231,7 +266,8 @@ def test_a_broken_run(capsys: pytest.CaptureFixture, name: str, file: str, tmp_p
     ("line", "message"),
     [
         (["juggle"], "no command; choose one of: demo, train"),
-        (["train", "juggling"], "no recipe for task 'juggling'"),
+        (["train", "juggling"], "task is 'juggling'; choose one of: cup-on-plate, peg-in-hole"),
+        (["train", "--help-all"], "name it: vic train cup-on-plate --help-all"),
         (["train", "cup-on-plate", "--seed", "-1"], "seed is -1"),
         (["train", "cup-on-plate", "--history", "0"], "history is 0"),
         (["train", "cup-on-plate", "--airl.slope-bound", "nan"], "recipe.airl.slope_bound is nan"),
@@ -243,20 +279,22 @@ def test_a_broken_run(capsys: pytest.CaptureFixture, name: str, file: str, tmp_p
     ],
 )
 def test_bad_options_of_train(capsys: pytest.CaptureFixture, line: list[str], message: str, tmp_path: Path):
-    more = ["--out", str(tmp_path / "run")] if line[0] == "train" else []
+    more = ["--out", str(tmp_path / "run")] if line[0] == "train" and line[1] != "--help-all" else []
     assert message in failure(capsys, *line, *more)
 
 
 @pytest.mark.parametrize(
     ("more", "message"),
     [
-        (["--scenario", "T9"], "choose one of: train, T1, T2, T3, T4"),
+        (["--scenario", "T9"], "choose one of: train, T1, T2, T3, T4, or pass a start"),
         (["--scenario", "3,0,1"], "out of reach"),
         (["--scenario", "0.4,0.4,0.0"], "height"),
         (["--scenario", "1,2"], "x,y,z"),
         (["--episodes", "0"], "episodes is 0"),
         (["--seed", "-4"], "seed is -4"),
         (["--sweep", "start", "--scenario", "T1"], "leave --scenario out"),
+        (["--sweep", "tilt"], "Cup-on-Plate has no sweep 'tilt'; choose one of: start."),
+        (["--against", "runs/other"], "--against belongs to a sweep"),
     ],
 )
 def test_bad_options_of_evaluate(capsys: pytest.CaptureFixture, more: list[str], message: str):

@@ -58,7 +58,7 @@ def test_a_stopped_demonstration_goes_on_and_ends_with_its_report(tmp_path: Path
         "AIRL, after transfer",
         "cloning (BC)",
         "constant gain",
-        "Gains over time, start T1",
+        "Gains over time, T1",
         "Paths in space",
         "Forces",
         "What the reward values",

@@ -9,24 +9,29 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
 
 from tests.experiment_runs import copy, finished
 from vic_toolbox.errors import FileError, InputError
+from vic_toolbox.experiments import task_views
 from vic_toolbox.experiments.evaluation import (
     Evaluation,
     Policy,
     evaluate,
     judge,
     run_episodes,
-    scenario_label,
 )
 from vic_toolbox.experiments.figures.reward import reward_landscape
+from vic_toolbox.experiments.intervals import NORMAL_QUANTILE, wilson_interval
 from vic_toolbox.experiments.results import read_evaluation, write_evaluation
-from vic_toolbox.experiments.reward_slices import reward_slices
+from vic_toolbox.experiments.reward_slices import reward_slice
 from vic_toolbox.experiments.run_folder import RunFolder
-from vic_toolbox.experiments.skill import load_skill
-from vic_toolbox.experiments.sweep import StartGrid, sweep_runs, sweep_starts
+from vic_toolbox.experiments.skill import Skill, load_skill
+from vic_toolbox.experiments.start_sweep import StartGrid, sweep_runs, sweep_starts
 from vic_toolbox.experiments.trace import record_trace
+from vic_toolbox.learning import GaussianPolicy, RewardNetwork
 from vic_toolbox.tasks.cup_on_plate import CupOnPlate
 from vic_toolbox.tasks.cup_scene import GOAL
 
@@ -95,8 +100,26 @@ def test_evaluations_come_back_from_disk(tmp_path: Path, task: CupOnPlate):
 
 
 def test_a_start_of_ones_own_is_written_out():
-    assert scenario_label(CupOnPlate(scenario="T2")) == "T2"
-    assert scenario_label(CupOnPlate(scenario=(0.5, -0.1, 0.30005))) == "0.5,-0.1,0.30005"
+    assert CupOnPlate(scenario="T2").scenario.name == "T2"
+    assert CupOnPlate(scenario=(0.5, -0.1, 0.30005)).scenario.name == "0.5,-0.1,0.30005"
+
+
+@given(st.integers(1, 400), st.floats(0, 1))
+def test_the_interval_of_a_rate_holds_exactly_the_chances_that_it_does_not_contradict(n: int, share: float):
+    """Its ends are the p at which the rate lies 1.96 standard deviations away: the score test, inverted."""
+    rate = round(share * n) / n
+    low, high = wilson_interval(rate, n)
+    assert 0.0 <= low <= rate <= high <= 1.0
+    for end in (low, high):
+        if 1e-9 < end < 1.0 - 1e-9:
+            assert (rate - end) ** 2 == pytest.approx(NORMAL_QUANTILE**2 * end * (1.0 - end) / n, rel=1e-6)
+    assert wilson_interval(1.0 - rate, n) == pytest.approx((1.0 - high, 1.0 - low), abs=1e-12)
+
+
+def test_an_evaluation_knows_how_sure_its_success_is(task: CupOnPlate):
+    row = evaluate(task, Policy.expert(task), episodes=3, threads=1)
+    assert (row.success_rate, row.success_high) == (1.0, 1.0)
+    assert row.success_low == pytest.approx(3 / (3 + NORMAL_QUANTILE**2))
 
 
 # --- traces --------------------------------------------------------------------------------------------------
@@ -134,21 +157,61 @@ def test_with_history_the_trace_still_reads_the_newest_observation():
 # --- the reward's slices -------------------------------------------------------------------------------------
 
 
-def test_slices_hold_the_reward_of_the_action_that_they_name(task: CupOnPlate):
+def test_the_slice_turns_all_gains_together(task: CupOnPlate):
     skill = load_skill(finished("airl"))
     assert skill.reward is not None
     expert = record_trace(task, task.expert_action)
-    stiffness, damping = reward_slices(task, skill.reward, skill.policy, expert, name="airl")
-    assert (stiffness.value[0], stiffness.value[-1]) == (60.0, 200.0)
-    assert (damping.value[0], damping.value[-1]) == (9.0, 12.0)
-    assert stiffness.reward.shape == (len(stiffness.distance), len(stiffness.value))
-    near = np.argmin(stiffness.distance)
-    assert stiffness.chosen["expert"][near] == pytest.approx(60.0)
-    assert damping.chosen["expert"][near] == pytest.approx(12.0)
-    # at the expert's own value both slices meet in the reward of the expert's action
-    far = np.argmax(stiffness.distance)
-    assert stiffness.reward[far, -1] == pytest.approx(damping.reward[far, 0], abs=1e-5)
-    assert len(reward_landscape([stiffness, damping]).axes) == 4
+    part = reward_slice(task, skill.reward, skill.policy, expert, name="airl")
+    assert (part.value[0], part.value[-1]) == (60.0, 200.0)
+    assert part.reward.shape == (len(part.distance), len(part.value))
+    near, far = np.argmin(part.distance), np.argmax(part.distance)
+    assert part.chosen["expert"][near] == pytest.approx(60.0)
+    assert part.chosen["expert"][far] == pytest.approx(200.0)
+    # at its ends the line runs through the expert's own actions: soft and well damped, stiff and lightly damped
+    for row, column in ((near, 0), (far, -1)):
+        state = expert.observations[np.argmin(np.abs(expert.distance - part.distance[row]))]
+        assert part.reward[row, column] == pytest.approx(
+            reward_of(skill, state, task.expert_action(state)), abs=1e-4
+        )
+    assert len(reward_landscape([part]).axes) == 2
+
+
+def reward_of(skill: Skill, state: np.ndarray, action: np.ndarray) -> float:
+    assert skill.reward is not None
+    sample = torch.cat(
+        [skill.policy.scaled(state[None]), torch.tensor(action[None], dtype=torch.float32)], dim=1
+    )
+    return float(skill.reward.value(sample)[0])
+
+
+def test_a_task_without_a_knob_is_cut_through_the_experts_own_action(task: CupOnPlate, monkeypatch):
+    skill = load_skill(finished("airl"))
+    assert skill.reward is not None
+    monkeypatch.setattr(task_views, "VIEWS", {})
+    expert = record_trace(task, task.expert_action)
+    part = reward_slice(task, skill.reward, skill.policy, expert, name="airl")
+    assert (part.value[0], part.value[-1]) == (-1.0, 1.0)
+    far = np.argmax(part.distance)
+    assert part.chosen["expert"] == pytest.approx(np.ones(len(part.distance)))
+    state = expert.observations[np.argmax(expert.distance)]
+    assert part.reward[far, -1] == pytest.approx(reward_of(skill, state, task.expert_action(state)), abs=1e-5)
+    assert part.reward[far, 0] == pytest.approx(reward_of(skill, state, -task.expert_action(state)), abs=1e-5)
+    assert "mirror image" in task_views.knob(task).caption
+
+
+def test_the_reward_of_a_wrench_is_cut_along_the_experts():
+    task = CupOnPlate(action="force")
+    reward = RewardNetwork(task.observation_size, task.action_size, seed=3)
+    policy = GaussianPolicy.for_task(task, hidden=8, log_std=0.0, seed=0)
+    expert = record_trace(task, task.expert_action)
+    part = reward_slice(task, reward, policy, expert, name="airl")
+    assert (part.value[0], part.value[-1]) == (0.0, 2.0)
+    assert part.chosen["expert"] == pytest.approx(np.ones(len(part.distance)))
+    state, action = expert.observations[0], task.expert_action(expert.observations[0])
+    sample = torch.cat(
+        [policy.scaled(state[None]), torch.tensor(2.0 * action[None], dtype=torch.float32)], dim=1
+    )
+    assert part.reward[0, -1] == pytest.approx(float(reward.value(sample)[0]), abs=1e-5)
 
 
 # --- sweeps --------------------------------------------------------------------------------------------------

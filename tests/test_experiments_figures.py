@@ -5,23 +5,28 @@ from __future__ import annotations
 import io
 import re
 import xml.etree.ElementTree as ET
+from collections.abc import Callable
 from pathlib import Path
 
 import matplotlib.pyplot
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from rich.console import Console
 
 from vic_toolbox.errors import DependencyError, FileError, InputError
 from vic_toolbox.experiments import film as film_module
-from vic_toolbox.experiments import report
-from vic_toolbox.experiments.figures import learning, motion, style
-from vic_toolbox.experiments.figures.sweep import sweep_maps
+from vic_toolbox.experiments import report, task_views
+from vic_toolbox.experiments.evaluation import Policy
+from vic_toolbox.experiments.figures import insertion, learning, motion, placing, style
+from vic_toolbox.experiments.figures.difficulty import success_curves
+from vic_toolbox.experiments.figures.start_sweep import sweep_maps
 from vic_toolbox.experiments.film import DRAWN, film
 from vic_toolbox.experiments.progress import ConsoleProgress, Progress
-from vic_toolbox.experiments.trace import Trace
+from vic_toolbox.experiments.trace import Trace, record_trace
 from vic_toolbox.tasks.cup_on_plate import CupOnPlate
 from vic_toolbox.tasks.cup_scene import GOAL, start_angles
+from vic_toolbox.tasks.peg_in_hole import PegInHole
 
 
 def made_up(*, stiffness: float = 100.0, steps: int = 60) -> Trace:
@@ -33,6 +38,7 @@ def made_up(*, stiffness: float = 100.0, steps: int = 60) -> Trace:
     gains = np.full((steps, 6), stiffness)
     damping = 10.0 * np.sqrt(gains)
     return Trace(
+        task=CupOnPlate(),
         time=time,
         error=error,
         rate=rate,
@@ -42,7 +48,6 @@ def made_up(*, stiffness: float = 100.0, steps: int = 60) -> Trace:
         contact=np.where(time > 0.4, 2.0, 0.0),
         joints=np.tile(start_angles((0.6, -0.05, 0.3)), (steps, 1)),
         observations=np.concatenate([error, rate], axis=1),
-        goal=np.array(GOAL),
         score=-300.0,
     )
 
@@ -57,15 +62,17 @@ def texts(path: Path) -> str:
     return ET.parse(path).getroot().tag + path.read_text()
 
 
-@pytest.mark.parametrize("kind", ["gains_over_time", "forces_over_time", "paths"])
+_KINDS: dict[str, Callable[[dict], Figure]] = {
+    "gains": motion.gains_over_time,
+    "forces": placing.forces_over_time,
+    "paths": lambda traces: placing.paths({"start": traces}),
+}
+
+
+@pytest.mark.parametrize("kind", _KINDS)
 def test_figures_are_the_same_every_time_and_need_no_window(kind: str, traces: dict, tmp_path: Path):
     def draw(path: Path) -> bytes:
-        drawing = (
-            motion.paths({"start": traces}, plate_radius=0.08)
-            if kind == "paths"
-            else getattr(motion, kind)(traces)
-        )
-        return style.save(drawing, path).read_bytes()
+        return style.save(_KINDS[kind](traces), path).read_bytes()
 
     first = draw(tmp_path / "a.svg")
     assert first == draw(tmp_path / "b.svg")
@@ -78,6 +85,8 @@ def test_gains_are_drawn_with_their_units(traces: dict):
     titles = [axes.get_title(loc="left") for axes in drawing.axes]
     assert titles[0] == "stiffness along x  [N/m]"
     assert titles[4] == "stiffness about x  [Nm/rad]"
+    assert titles[3] == "damping factor d  [√kg]"
+    assert titles[7] == "distance to go  [m]"
     values = {line.get_label(): np.asarray(line.get_ydata())[0] for line in drawing.axes[0].get_lines()}
     assert values == {"expert": 100.0, "AIRL": 120.0, "constant gain": 130.0}
 
@@ -88,6 +97,68 @@ def test_force_policies_show_their_wrench_instead():
     titles = [axes.get_title(loc="left") for axes in motion.wrench_over_time(force).axes]
     assert titles[0] == "force along x  [N]"
     assert titles[4] == "torque about x  [Nm]"
+
+
+@pytest.fixture(scope="module")
+def pegs() -> dict[str, Trace]:
+    """The expert, who gets in, and the constant gain, which does not."""
+    task = PegInHole(scenario="tilt=-6")
+    return {
+        "expert": record_trace(task, task.expert_action),
+        "constant": record_trace(task, Policy.constant(task).act),
+    }
+
+
+def test_a_fixed_damping_has_no_factor_to_draw(pegs: dict):
+    titles = [axes.get_title(loc="left") for axes in motion.gains_over_time(pegs).axes]
+    assert titles[3] == "speed  [mm/s]"
+    assert titles[7] == "distance to go  [mm]"
+    assert not any("damping" in title for title in titles)
+
+
+def test_the_path_of_the_tip_is_drawn_against_the_hole(pegs: dict):
+    task = pegs["expert"].task
+    drawing = insertion.insertion(pegs)
+    path, offset, tilt, way, _ = drawing.axes
+    line, *_ = path.get_lines()
+    x, z = np.asarray(line.get_xdata()), np.asarray(line.get_ydata())
+    tip = 1e3 * task.tip_position(pegs["expert"].observations)
+    np.testing.assert_allclose(np.stack([x, z]), tip[:, [0, 2]].T)
+    assert z[-1] == pytest.approx(-10.0, abs=1.0)
+    inside = z < -0.41  # below the chamfer an upright peg's tip has 15 µm to either side
+    assert (np.abs(x[inside]) < 0.1).all()
+    wall, other = (np.asarray(patch.get_path().vertices) for patch in path.patches)
+    assert np.abs(wall[:, 0]).min() == pytest.approx(0.015)
+    assert (wall[:, 0] <= 0.0).all()
+    assert (other[:, 0] >= 0.0).all()
+    stuck = np.asarray(way.get_lines()[1].get_ydata())
+    assert stuck[-1] > 5.0
+    assert np.asarray(tilt.get_lines()[0].get_ydata())[0] == pytest.approx(6.0, abs=0.01)
+    assert offset.get_title(loc="left") == "tip off the hole's axis  [mm]"
+
+
+@pytest.mark.parametrize("task", ["cup-on-plate", "peg-in-hole", "juggling"])
+def test_every_task_has_a_view_with_figures_of_its_own_or_none(task: str, traces: dict, pegs: dict):
+    episodes = pegs if task == "peg-in-hole" else traces
+    shown = task_views.VIEWS.get(task, task_views.ANY_TASK)
+    drawings = shown.figures({"training": episodes})
+    assert [drawing.file for drawing in drawings] == {
+        "cup-on-plate": ["paths", "forces"], "peg-in-hole": ["insertion"], "juggling": [],
+    }[task]  # fmt: skip
+    assert all(drawing.caption.endswith(".") for drawing in drawings)
+
+
+def test_success_is_drawn_with_its_band_and_its_area():
+    values, rate = np.array([-2.0, 0.0, 4.0]), np.array([0.0, 0.5, 1.0])
+    band = np.array([[0.0, 0.3, 0.8], [0.2, 0.7, 1.0]])
+    drawing = success_curves(
+        values, {"airl": rate}, {"airl": band}, areas={"airl": 0.58}, label="tilt  [deg]"
+    )
+    (axes,) = drawing.axes
+    assert axes.get_xlabel() == "tilt  [deg]"
+    (line,) = axes.get_lines()
+    assert line.get_label() == "AIRL  (0.58)"
+    np.testing.assert_allclose(np.asarray(line.get_ydata()), 100.0 * rate)
 
 
 def rows(count: int, **extra: float) -> list[dict]:
@@ -132,7 +203,7 @@ def test_one_policy_alone_can_be_mapped():
 def test_a_figure_that_cannot_be_written_is_reported(traces: dict, tmp_path: Path):
     (tmp_path / "file").write_text("")
     with pytest.raises(FileError, match=r"gains.svg"):
-        style.save(motion.forces_over_time(traces), tmp_path / "file" / "gains.svg")
+        style.save(placing.forces_over_time(traces), tmp_path / "file" / "gains.svg")
 
 
 # --- film ----------------------------------------------------------------------------------------------------
@@ -151,6 +222,17 @@ def test_without_opengl_the_arm_is_drawn_and_the_caption_says_so(traces, tmp_pat
     content = (tmp_path / "film.mp4").read_bytes()
     assert content[4:8] == b"ftyp"
     assert len(content) > 5_000
+
+
+def test_without_opengl_the_peg_is_drawn_over_its_hole(pegs, tmp_path, monkeypatch):
+    def absent(*_: object, **__: object) -> None:
+        raise DependencyError("no OpenGL to draw with.")
+
+    monkeypatch.setattr(film_module, "Renderer", absent)
+    monkeypatch.setattr(film_module, "FPS", 4)
+    caption = film(tmp_path / "film.mp4", pegs, pegs["expert"].task)
+    assert "from 151 to 2900 N/m" in caption
+    assert (tmp_path / "film.mp4").stat().st_size > 5_000
 
 
 def test_a_film_must_be_an_mp4(traces, tmp_path, monkeypatch):

@@ -12,7 +12,7 @@ import pytest
 import torch
 
 from vic_toolbox.errors import FileError
-from vic_toolbox.experiments.run_folder import RunFolder
+from vic_toolbox.experiments.run_folder import FORMAT, RunFolder
 
 SETTINGS = {"seed": 1, "recipe": {"iterations": 20, "bounds": (1.0, 2.0)}}
 
@@ -65,7 +65,7 @@ def test_another_version_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 
 def test_two_processes_cannot_share_a_folder(tmp_path: Path):
     code = (
-        "import sys; from vic_toolbox.experiments.run_folder import RunFolder\n"
+        "import sys; from vic_toolbox.experiments.run_folder import FORMAT, RunFolder\n"
         f"RunFolder.create({str(tmp_path)!r}, 'training', {SETTINGS!r})\n"
         "print('ready', flush=True); sys.stdin.read()"
     )
@@ -147,10 +147,10 @@ def test_a_full_disk_is_reported_and_the_old_file_stays(tmp_path: Path, monkeypa
     ("content", "message"),
     [
         ("", "cannot be read as JSON"),
-        ('{"format": "vic-run/1", "conf', "cannot be read as JSON"),
+        ('{"format": "vic-run/2", "conf', "cannot be read as JSON"),
         ("[1, 2]", "does not describe a run"),
-        (json.dumps({"format": "other"}), "does not describe a run"),
-        (json.dumps({"format": "vic-run/1", "kind": 3}), "lacks the kind"),
+        (json.dumps({"format": "vic-run/1"}), "does not describe a run of this version.*train it anew"),
+        (json.dumps({"format": FORMAT, "kind": 3}), "lacks the kind"),
     ],
 )
 def test_a_damaged_description_is_refused(tmp_path: Path, content: str, message: str):

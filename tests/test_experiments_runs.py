@@ -9,7 +9,6 @@ import subprocess
 import sys
 import time
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +17,7 @@ import pytest
 from safetensors.torch import load_file
 
 from tests.experiment_runs import copy, figures, finished, tiny, transferred
+from vic_toolbox import tasks
 from vic_toolbox.errors import FileError, InputError, ReachError
 from vic_toolbox.experiments.configuration import (
     DemonstrationConfiguration,
@@ -77,6 +77,22 @@ def test_a_run_holds_everything_it_should():
     assert (row["task"], row["scenario"], row["method"]) == ("cup-on-plate", "train", "airl")
     difference = abs(row["score_mean"] - row["expert_score"]) / abs(row["expert_score"])
     assert row["relative_difference"] == pytest.approx(difference)
+
+
+def test_a_run_of_another_task_holds_the_same_and_its_own_figures():
+    run = finished("airl", "peg-in-hole")
+    names = {path.relative_to(run).as_posix() for path in run.rglob("*") if path.is_file()}
+    assert names >= {
+        "policy.safetensors", "reward.safetensors", "demonstrations.npz", "evaluations/train/evaluation.json",
+        "figures/learning.svg", "figures/gains.svg", "figures/insertion.svg", "figures/reward.svg",
+    }  # fmt: skip
+    assert "figures/paths.svg" not in names
+    page = (run / "report.html").read_text()
+    for wanted in ("AIRL on Peg-in-Hole", "the peg is in at the end of", "constant, mid-range", "constant, matched",
+                   "--sweep tilt", "--scenario tilt=", "mirror image"):  # fmt: skip
+        assert wanted in page
+    assert "cup" not in page
+    assert tasks.Demonstrations.load(run / "demonstrations.npz").push == tasks.PegInHole.push
 
 
 def test_the_configuration_is_complete_and_comes_back():
@@ -236,6 +252,16 @@ def test_transfer_keeps_the_reward_and_moves_the_policy():
     assert "before transfer" in (transferred() / "report.html").read_text()
 
 
+def test_a_transfer_to_a_scenario_of_ones_own_is_called_by_its_text(tmp_path: Path):
+    source = finished("airl", "peg-in-hole")
+    transfer(source, " scale=0.50,tilt=-4", tmp_path / "x", episodes=1, threads=1)
+    row = json.loads((tmp_path / "x" / "evaluation.json").read_text())
+    assert row["scenario"] == "tilt=-4,scale=0.5"
+    assert (tmp_path / "x" / "evaluations" / "tilt=-4,scale=0.5" / "evaluation.json").exists()
+    skill = load_skill(tmp_path / "x")
+    assert skill.task().scenario == tasks.PegScenario(tilt=-4.0, scale=0.5)
+
+
 def test_a_random_reward_is_another_network(tmp_path: Path):
     transfer(
         finished("bc"), "0.5,-0.1,0.3", tmp_path / "x", reward="random", fresh=True, episodes=1, threads=1
@@ -345,9 +371,19 @@ def test_bad_numbers_are_named_by_their_path():
         airl = replace(run.recipe.airl, **{field: value})
         with pytest.raises(InputError, match=rf"recipe\.airl\.{field}"):
             replace(run, recipe=replace(run.recipe, airl=airl))
-    for field, value in (("push", -1.0), ("start_noise", float("inf")), ("count", 0), ("held_out", 0)):
+    wrong: list[dict[str, Any]] = [
+        {"push": -1.0}, {"start_noise": float("inf")}, {"start_noise": 11.0}, {"count": 0}, {"held_out": 0},
+    ]  # fmt: skip
+    for options in wrong:
         with pytest.raises(InputError):
-            partial(DemonstrationConfiguration, **{field: value})()
+            DemonstrationConfiguration(**{"push": 5.0, **options})
+
+
+@pytest.mark.parametrize("name", tasks.names())
+def test_pushes_are_the_tasks_own_unless_they_are_given(name: str):
+    own = tasks.make(name).push
+    assert DemonstrationConfiguration.for_task(name).push == own
+    assert DemonstrationConfiguration.for_task(name, push=2.0 * own).push == 2.0 * own
 
 
 def test_a_configuration_with_a_wrong_field_is_refused():

@@ -10,6 +10,7 @@ import pytest
 import torch
 
 from tests.toy_task import ToyEnvironment, toy_expert
+from vic_toolbox import tasks
 from vic_toolbox.errors import FileError, InputError
 from vic_toolbox.learning import (
     Airl,
@@ -254,3 +255,15 @@ def test_expert_data_refuses_bad_splits():
         ExpertData.from_trajectories(observations[..., :3], actions, **given)
     with pytest.raises(InputError, match="agree"):
         ExpertData.from_trajectories(observations[:4], actions, **given)
+
+
+def test_demonstrations_become_rows_of_their_own_task():
+    task = tasks.make("cup-on-plate", action="force")
+    shown = tasks.record(task, 3, seed=1)
+    policy = GaussianPolicy.for_task(task, hidden=8, log_std=0.0, seed=0)
+    data = ExpertData.from_demonstrations(shown, task, policy=policy, held_out=1)
+    assert data.training[0].shape == (2 * task.horizon, task.observation_size)
+    assert data.held_out[1].shape == (task.horizon, task.action_size)
+    np.testing.assert_array_equal(data.high.numpy(), np.full(6, 40.0, dtype=np.float32))
+    with pytest.raises(InputError, match=r"action force, history 1; the task is cup-on-plate, action gain"):
+        ExpertData.from_demonstrations(shown, tasks.make("cup-on-plate"), policy=policy)

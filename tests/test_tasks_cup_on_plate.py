@@ -18,7 +18,7 @@ STUDY_SCORES = {"train": -343, "T1": -631, "T2": -429, "T3": -480, "T4": -579}
 def expert_run(action: str) -> tuple[np.ndarray, dict, tasks.VectorEnvironment]:
     """Observations (501, 5, 12) of the expert from the five starts, and the last info."""
     task = tasks.make("cup-on-plate", action=action)
-    environment = tasks.VectorEnvironment(task, len(task.scenarios))
+    environment = tasks.VectorEnvironment(task, len(task.scenarios), start_noise=0.0)
     observation, info = environment.reset(seed=0, options={"scenarios": list(task.scenarios)})
     path = [observation]
     for _ in range(task.horizon):
@@ -55,7 +55,7 @@ def test_random_starts_keep_the_expert_successful() -> None:
     task = tasks.make("cup-on-plate")
     environment = tasks.VectorEnvironment(task, 50)
     starts = [list(task.scenarios)[i % 5] for i in range(50)]
-    observation, info = environment.reset(seed=3, options={"start_noise": 0.02, "scenarios": starts})
+    observation, info = environment.reset(seed=3, options={"scenarios": starts})
     for _ in range(task.horizon):
         observation, _, _, _, info = environment.step(task.expert_action(observation))
     assert info["success"].all()
@@ -74,7 +74,7 @@ def test_reward_is_the_published_formula(row: list[float]) -> None:
 
 
 def test_success_needs_every_condition() -> None:
-    task = tasks.make("cup-on-plate")
+    task = tasks.CupOnPlate()
     good = np.zeros(12)
     assert task.success(good, 5.0)
     for index, value in ((0, 0.03), (4, 0.2), (8, 0.03)):
@@ -102,7 +102,7 @@ def test_force_and_gain_actions_put_the_same_torques_on_the_arm() -> None:
     for action in ("gain", "force"):
         task = tasks.make("cup-on-plate", action=action)
         loop = task.simulation(5)
-        task.start(loop, list(task.scenarios), noise=0.02, rng=np.random.default_rng(0))
+        task.start(loop, list(task.scenarios), noise=1.0, rng=np.random.default_rng(0))
         loop.qvel[:] = 0.1
         task.act(loop, task.expert_action(loop.observe()))
         loop.step(1)
@@ -134,9 +134,18 @@ def test_starts_are_in_one_configuration() -> None:
 
 
 def test_any_start_in_reach_is_accepted_in_every_form() -> None:
-    for scenario in ((0.45, 0.1, 0.4), np.array([0.45, 0.1, 0.4]), Scenario((0.45, 0.1, 0.4))):
+    point = (0.45, 0.1, 0.4)
+    for scenario in (
+        point,
+        np.array(point),
+        Scenario(point),
+        Scenario(point, "T2"),
+        "0.45,0.1,0.4",
+        " 0.450, .1,4e-1",
+    ):
         task = tasks.make("cup-on-plate", scenario=scenario)
-        environment = tasks.VectorEnvironment(task)
+        assert task.scenario.name == "0.45,0.1,0.4"
+        environment = tasks.VectorEnvironment(task, start_noise=0.0)
         observation, _ = environment.reset(seed=0)
         np.testing.assert_allclose(
             observation[0, :3], np.subtract((0.45, 0.1, 0.4), cup_scene.GOAL), atol=1e-7
@@ -146,7 +155,10 @@ def test_any_start_in_reach_is_accepted_in_every_form() -> None:
 @pytest.mark.parametrize(
     ("scenario", "error", "message"),
     [
-        ("T9", InputError, "choose one of: train, T1"),
+        ("T9", InputError, 'choose one of: train, T1.*or pass a start "x,y,z"'),
+        ("1,2", InputError, "x,y,z"),
+        ("0.4,0.1,high", InputError, "x,y,z"),
+        ("0.4,0.1,nan", InputError, "finite"),
         ((1.2, 0.0, 0.3), ReachError, "out of reach.*move it"),
         ((600.0, -50.0, 300.0), ReachError, "Positions are in metres; if this one is in millimetres"),
         ((-400, -400, -300), ReachError, "in millimetres, divide it by 1000"),
@@ -179,6 +191,41 @@ def test_singular_and_turned_over_postures_are_refused(monkeypatch: pytest.Monke
         starts.start_posture(cup_scene.robot(), where, rotation=cup_scene.TOOL_DOWN, like=like)
 
 
+COORDINATE = st.floats(-2, 2)
+
+
+@given(COORDINATE, COORDINATE, COORDINATE)
+def test_the_name_of_a_scenario_can_be_read_back(x: float, y: float, z: float) -> None:
+    name = Scenario((x, y, z)).name
+    again = cup_scene.as_scenario(name)
+    assert again.name == name
+    np.testing.assert_allclose(again.start, (x, y, z), atol=0.5000001e-6)
+
+
+def test_known_scenarios_keep_their_names() -> None:
+    for name, scenario in cup_scene.SCENARIOS.items():
+        assert cup_scene.as_scenario(name) is scenario
+        assert cup_scene.as_scenario(scenario) is scenario
+    assert cup_scene.SCENARIOS["train"].description == "0.60, −0.05, 0.30 m"
+
+
+def test_start_noise_is_relative_to_the_usual_variation() -> None:
+    task = tasks.make("cup-on-plate")
+    loop, exact = task.simulation(2000), cup_scene.start_angles(task.scenario.start)
+    for noise in (0.5, 1.0):
+        task.start(loop, [task.scenario] * 2000, noise=noise, rng=np.random.default_rng(0))
+        assert (loop.qpos - exact).std() == pytest.approx(0.02 * noise, rel=0.03)
+
+
+def test_the_skeleton_runs_from_the_base_to_the_cup() -> None:
+    task = tasks.make("cup-on-plate")
+    q = np.array([cup_scene.start_angles(s.start) for s in cup_scene.SCENARIOS.values()])
+    points = task.skeleton(q)
+    assert points.shape == (5, 9, 3)
+    np.testing.assert_allclose(points[:, 0], 0.0)
+    np.testing.assert_allclose(points[:, -1], [s.start for s in cup_scene.SCENARIOS.values()], atol=1e-7)
+
+
 @pytest.mark.parametrize(
     "options", [{"action": "torque"}, {"history": 0}, {"history": 1.5}, {"history": True}, {"action": None}]
 )
@@ -196,6 +243,11 @@ def test_constant_gains_are_the_middle_of_the_range() -> None:
     np.testing.assert_allclose(
         force.constant_action(observation)[:, :3] * cup_on_plate.WRENCH_UNIT[:3], expected
     )
+
+
+def test_an_unknown_constant_gain_is_refused() -> None:
+    with pytest.raises(InputError, match="constant gain is 'soft'; choose one of: constant"):
+        tasks.make("cup-on-plate").constant_action(which="soft")
 
 
 def test_unknown_task_and_missing_observations_are_refused() -> None:

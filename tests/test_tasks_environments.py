@@ -66,6 +66,11 @@ def test_make_vec_gives_the_batched_engine_itself() -> None:
     environment.close()
 
 
+def test_films_run_at_the_rate_of_the_policy() -> None:
+    for made in (gymnasium.make(ID).unwrapped, tasks.CupOnPlateVectorEnv(2)):
+        assert made.metadata["render_fps"] == 100
+
+
 def test_single_environment_is_one_row_of_the_batch() -> None:
     single = gymnasium.make(ID, start_noise=0.0)
     batched = tasks.CupOnPlateVectorEnv(3, start_noise=0.0)
@@ -154,7 +159,7 @@ def test_bad_actions_are_refused(actions) -> None:
     [
         {"start_noise": -0.1},
         {"start_noise": np.nan},
-        {"start_noise": 1.0},
+        {"start_noise": 10.1},
         {"scenarios": ["train"]},
         {"scenarios": "T1"},
         {"scenarios": ["train", "T9"]},
@@ -201,6 +206,13 @@ def test_demonstrations_hold_the_experts_actions(demonstrations: tasks.Demonstra
     expected = tasks.make("cup-on-plate").expert_action(demonstrations.observations[:, :-1])
     np.testing.assert_array_equal(demonstrations.actions, expected)
     assert (np.abs(demonstrations.scores + 343) < 0.25 * 343).all()
+
+
+def test_by_default_they_are_pushed_and_varied_as_the_task_says(demonstrations: tasks.Demonstrations) -> None:
+    task = tasks.make("cup-on-plate")
+    assert (demonstrations.push, demonstrations.start_noise) == (task.push, 1.0)
+    same = tasks.record(task, 6, seed=2, push=5.0, start_noise=1.0)
+    np.testing.assert_array_equal(same.observations, demonstrations.observations)
 
 
 def test_every_action_space_gets_the_same_motions(demonstrations: tasks.Demonstrations) -> None:
@@ -262,7 +274,7 @@ def test_damaged_files_are_refused(demonstrations: tasks.Demonstrations, tmp_pat
         {"seed": np.zeros(3)},
         {"observations": np.array([{"a": 1}], dtype=object)},
     ):
-        content: dict[str, Any] = {"format": np.int64(1)} | fields | change
+        content: dict[str, Any] = {"format": np.int64(2)} | fields | change
         np.savez(path, **content)
         with pytest.raises(FileError):
             tasks.Demonstrations.load(path)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import functools
 
 import mujoco
 import numpy as np
@@ -15,7 +16,7 @@ from vic_toolbox.errors import InputError, ModelError, SimulationError
 from vic_toolbox.gains import ImpedanceGains
 from vic_toolbox.models import available_robots, load_robot
 from vic_toolbox.spatial import pose_error, pose_from
-from vic_toolbox.tasks import callback, cup_on_plate, cup_scene, scene
+from vic_toolbox.tasks import callback, cup_on_plate, cup_scene, mujoco_structs, scene
 from vic_toolbox.tasks.kinematics import Chain
 from vic_toolbox.tasks.simulation import ArmSimulation
 
@@ -264,15 +265,16 @@ def test_arms_of_different_size_share_one_callback() -> None:
 
 
 def test_struct_offsets_lead_to_the_live_fields() -> None:
-    data_offsets = callback.struct_offsets("mjData", callback.DATA_FIELDS)
-    model_offsets = callback.struct_offsets("mjModel", callback.MODEL_FIELDS)
-    callback.check_offsets(data_offsets, model_offsets)
+    data = mujoco_structs.struct_offsets("mjData", callback.DATA_FIELDS)
+    model = mujoco_structs.struct_offsets("mjModel", callback.MODEL_FIELDS)
+    check = functools.partial(mujoco_structs.check_offsets, callback.PROBE)
+    check(data=data, model=model)
     with pytest.raises(SimulationError, match=r"mjData.qvel is not at byte \d+.*mujoco"):
-        callback.check_offsets(data_offsets | {"qvel": data_offsets["qvel"] + 8}, model_offsets)
+        check(data=data | {"qvel": data["qvel"] + 8}, model=model)
     with pytest.raises(SimulationError, match="mjModel.nuserdata is not at byte"):
-        callback.check_offsets(data_offsets, {"nuserdata": model_offsets["nuserdata"] + 8})
+        check(data=data, model={"nuserdata": model["nuserdata"] + 8})
     with pytest.raises(SimulationError, match="mjData has changed"):
-        callback.struct_offsets("mjData", ("no_such_field",))
+        mujoco_structs.struct_offsets("mjData", ("no_such_field",))
 
 
 def test_foreign_callback_is_refused_not_replaced() -> None:

@@ -62,10 +62,18 @@ def _parse(name: str, words: list[str]) -> Command:
     kind = COMMANDS[name]
     if kind not in (Train, Transfer):
         return tyro.cli(kind, **options)
+    if words == ["--help-all"]:
+        raise InputError(f"--help-all lists the settings of one task; name it: {_LISTS_ALL[kind]}")
     command, rest = tyro.cli(kind, **options, return_unknown_args=True)
     if any(word.startswith("-") and "." not in word and word != "--help-all" for word in rest):
         return tyro.cli(kind, **options)  # ends with what is wrong
     return replace(command, hyper_parameters=tuple(rest))
+
+
+_LISTS_ALL = {
+    Train: "vic train cup-on-plate --help-all",
+    Transfer: "vic transfer RUN --scenario NAME --help-all",
+}
 
 
 def _print_help() -> None:

@@ -36,22 +36,37 @@ def complain(text: str) -> None:
 
 def print_result(row: Evaluation, folder: Path) -> None:
     """Print an evaluation in a line, and where its report is."""
+    from vic_toolbox.experiments.wording import score_text, success_text
+
     side = "worse" if row.signed_difference > 0 else "better"
     say(
-        f"{row.scenario}: score {row.score_mean:.1f} ± {row.score_std:.1f}, expert {row.expert_score:.1f}, "
-        f"relative difference {row.relative_difference:.3f} ({side}), "
-        f"success {100 * row.success_rate:.0f} % of {row.episodes}\n{folder / 'report.html'}"
+        f"{row.scenario}: score {score_text(row.score_mean)} ± {score_text(row.score_std)}, "
+        f"expert {score_text(row.expert_score)}, relative difference {row.relative_difference:.3f} ({side}), "
+        f"success {success_text(row)} of {row.episodes}\n{folder / 'report.html'}"
     )
 
 
-def print_sweep(summary: dict[str, Any], folder: Path) -> None:
-    """Print the summary of a sweep, and where its files are."""
+def print_start_sweep(summary: dict[str, Any], folder: Path) -> None:
+    """Print the summary of a sweep over starts, and where its files are."""
     rows = []
     for name, method in summary["methods"].items():
         mean, worst = method["relative_difference_mean"], method["relative_difference_worst"]
         rows.append((name, f"{mean:.3f}", f"{worst:.3f}", f"{100 * method['success_rate']:.0f} %"))
     print_table(("policy", "relative difference", "worst", "success"), rows)
     say(f"{summary['starts']} starts; {folder / 'sweep.svg'}, sweep.csv, sweep.json")
+
+
+def print_difficulty(summary: dict[str, Any], folder: Path) -> None:
+    """Print the success of each method at each value of a sweep, and where its files are."""
+    rows = [
+        (name, f"{method['area']:.2f}", *(f"{100 * rate:.0f}" for rate in method["success"]))
+        for name, method in summary["methods"].items()
+    ]
+    print_table(("success [%]", "area", *(f"{value:g}" for value in summary["values"])), rows)
+    say(
+        f"{summary['label']}, {summary['episodes']} episodes at each value; "
+        f"{folder / 'sweep.svg'}, sweep.csv, sweep.json"
+    )
 
 
 def print_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> None:

@@ -11,7 +11,7 @@ import tyro
 from tyro.conf import FlagCreatePairsOff
 
 from vic_toolbox.cli.console import console_progress, print_result, say
-from vic_toolbox.cli.options import Count, HyperParameters, NewFolder, Run, Start, TaskName
+from vic_toolbox.cli.options import Count, HyperParameters, NewFolder, Number, Run, Scenario, TaskName
 
 T = TypeVar("T")
 
@@ -78,8 +78,8 @@ class Train:
     """Trajectories of the expert to learn from."""
     held_out: int = 10
     """Further trajectories that only judge the learning."""
-    push: float = 5.0
-    """Size of the random pushes on the expert [N]."""
+    push: Number = None
+    """Size of the random pushes on the expert [N]; by default the task's own."""
     episodes: int = 20
     """Episodes of the evaluation at the end."""
     threads: int = 0
@@ -99,8 +99,8 @@ class Train:
             history=self.history,
             seed=self.seed,
             episodes=self.episodes,
-            demonstrations=DemonstrationConfiguration(
-                count=self.demonstrations, held_out=self.held_out, push=self.push
+            demonstrations=DemonstrationConfiguration.for_task(
+                self.task, count=self.demonstrations, held_out=self.held_out, push=self.push
             ),
         )
         recipe = run.recipe
@@ -120,7 +120,7 @@ class Train:
 
 @dataclass(frozen=True)
 class Transfer:
-    """Carry a skill over: optimise a policy on another start under the frozen reward of a run.
+    """Carry a skill over: optimise a policy on another scenario under the frozen reward of a run.
 
     Every hyper-parameter is an option too, e.g. --transfer.divergence 0.02; list them with vic transfer RUN --help-all.
 
@@ -129,8 +129,8 @@ class Transfer:
 
     source: Run
     """Folder of a finished AIRL run."""
-    scenario: Start
-    """Scenario, see `vic tasks`, or a start "x,y,z" [m]."""
+    scenario: Scenario
+    """Scenario, see `vic tasks`, or one of your own: 0.4,0.1,0.3 or tilt=-4,scale=0.5."""
     out: NewFolder = None
     """Folder of the new run; by default that of the source with the scenario added."""
     fresh: bool = False
@@ -155,16 +155,17 @@ class Transfer:
         from vic_toolbox.experiments.skill import load_skill
         from vic_toolbox.experiments.transfer import transfer
 
-        recipe = load_skill(self.source).run.recipe
+        skill = load_skill(self.source)
+        recipe, scenario = skill.run.recipe, skill.task(self.scenario).scenario.name
         if self.iterations is not None:
             recipe = replace(recipe, transfer=replace(recipe.transfer, iterations=self.iterations))
         recipe = _with_options(recipe, self.hyper_parameters, "vic transfer")
         kind = f"{'-fresh' if self.fresh else ''}{'-random' if self.reward == 'random' else ''}"
-        out = self.out or self.source.with_name(f"{self.source.name}-{self.scenario}{kind}")
+        out = self.out or self.source.with_name(f"{self.source.name}-{scenario}{kind}")
         with console_progress() as progress:
             evaluation = transfer(
                 self.source,
-                self.scenario,
+                scenario,
                 out,
                 fresh=self.fresh,
                 reward=self.reward,

@@ -8,7 +8,7 @@ shows :mod:`~vic_toolbox.control.closed_loop`.
 from __future__ import annotations
 
 from vic_toolbox.control.closed_loop import Motion, simulate
-from vic_toolbox.control.experts import ConstantGains, Expert, ThreePhaseExpert
+from vic_toolbox.control.experts import ConstantGains, Expert, ThreePhaseExpert, TipStiffnessExpert
 from vic_toolbox.control.law import CartesianLaw, Command, Reference, feedback_wrench, feedforward_wrench
 from vic_toolbox.control.nullspace import Posture, dynamically_consistent_inverse, nullspace_projector
 
@@ -21,6 +21,7 @@ __all__ = [
     "Posture",
     "Reference",
     "ThreePhaseExpert",
+    "TipStiffnessExpert",
     "dynamically_consistent_inverse",
     "feedback_wrench",
     "feedforward_wrench",

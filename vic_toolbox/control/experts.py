@@ -12,8 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vic_toolbox.errors import Array, InputError, finite_array, finite_number, positive
-from vic_toolbox.gains import DampingFactor, ImpedanceGains, Parametrisation
+from vic_toolbox.errors import Array, InputError, finite_array, finite_number, positive, positive_array
+from vic_toolbox.gains import DampingFactor, DiagonalStiffness, ImpedanceGains, Parametrisation, spd_matrix
+from vic_toolbox.spatial import rotation_exp, transport_twist, transport_wrench
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,6 +88,82 @@ class ThreePhaseExpert(Expert):
         close_by = np.append(low[:6], high[6])
         far_away = np.append(high[:6], low[6])
         return (1.0 - weight) * close_by + weight * far_away
+
+
+@dataclass(frozen=True, kw_only=True)
+class TipStiffnessExpert(Expert):
+    r"""A fixed stiffness at another point of the body, its tip, written as gains of the end-effector.
+
+    With the tip at :math:`r = R\,\mathrm{offset}` from the end-effector, the rotation :math:`R = \exp(e_{rot})`
+    away from the reference, and :math:`J_{tip} = [I, -[r]_\times;\ 0, I]`, the wrench of the tip's spring is
+
+    .. math:: w = K_{COM}\,e, \qquad K_{COM} = J_{tip}^T\,K_{tip}\,J_{tip}.
+
+    Diagonal gains with the same effect solve :math:`k_i e_i = w_i`, which is singular at :math:`e_i = 0` and may
+    be negative. So each is the ridge solution towards the tip's own stiffness, clipped to the range:
+
+    .. math:: k_i = \frac{w_i e_i + \varepsilon_i^2\,K_{tip,ii}}{e_i^2 + \varepsilon_i^2}
+
+    the minimiser of :math:`(k_i e_i - w_i)^2 + \varepsilon_i^2 (k_i - K_{tip,ii})^2`.
+
+    References
+    ----------
+    X. Zhang, L. Sun, Z. Kuang, M. Tomizuka, "Learning Variable Impedance Control via Inverse Reinforcement
+    Learning for Force-Related Tasks", IEEE Robotics and Automation Letters, 2021 (Peg-in-Hole).
+    """
+
+    parametrisation: DiagonalStiffness
+    """Range of the six stiffnesses, and the fixed damping."""
+
+    offset: tuple[float, float, float]
+    """From the end-effector to the tip, axes of the body, which are those of the world at the reference [m]."""
+
+    tip_stiffness: ArrayLike
+    """K_tip: six stiffnesses, or a symmetric positive definite (6, 6) matrix [N/m, Nm/rad], world axes."""
+
+    ridge: tuple[float, float] = (1e-4, 2e-3)
+    """Error ε below which the gains lean towards K_tip: translations [m], rotations [rad]."""
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.parametrisation, DiagonalStiffness):
+            raise InputError(
+                f"parametrisation is {type(self.parametrisation).__name__}; the tip-stiffness expert sets six "
+                "stiffnesses: pass a DiagonalStiffness."
+            )
+        offset = finite_array("offset", self.offset, shape=(3,))
+        object.__setattr__(self, "offset", tuple(offset.tolist()))
+        stiffness = finite_array("tip_stiffness", self.tip_stiffness)
+        if stiffness.shape == (6,):
+            stiffness = np.diag(positive_array("tip_stiffness", stiffness))
+        stiffness = spd_matrix("tip_stiffness", stiffness, size=6)
+        stiffness.flags.writeable = False
+        object.__setattr__(self, "tip_stiffness", stiffness)
+        ridge = positive_array("ridge", self.ridge, shape=(2,))
+        object.__setattr__(self, "ridge", tuple(ridge.tolist()))
+
+    def tip_error(self, observation: ArrayLike) -> Array:
+        """Pose error of the tip to first order, ``J_tip e``, (..., 6), for observations (..., 12 h)."""
+        error = _newest(observation)[..., :6]
+        return transport_twist(error, self._lever(error))
+
+    def wrench(self, observation: ArrayLike) -> Array:
+        """Wrench ``K_COM e`` at the end-effector, (..., 6) [N, Nm]; the spring pulls with its negative."""
+        error = _newest(observation)[..., :6]
+        lever = self._lever(error)
+        at_tip = transport_twist(error, lever) @ np.asarray(self.tip_stiffness)
+        return transport_wrench(at_tip, -lever)
+
+    def parameters(self, observation: ArrayLike) -> Array:
+        """Return six stiffnesses, (..., 6), see :meth:`Expert.parameters`."""
+        error = _newest(observation)[..., :6]
+        squared = np.repeat(np.square(self.ridge), 3)
+        towards = np.diagonal(np.asarray(self.tip_stiffness))
+        stiffness = (self.wrench(observation) * error + squared * towards) / (error**2 + squared)
+        return np.clip(stiffness, self.parametrisation.minimum, self.parametrisation.maximum)
+
+    def _lever(self, error: Array) -> Array:
+        """From the end-effector to the tip, world axes, (..., 3) [m]."""
+        return np.einsum("...ij,j->...i", rotation_exp(error[..., 3:]), np.array(self.offset))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -6,11 +6,13 @@ import math
 import types
 import typing
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields, is_dataclass
-from typing import Any, Literal, TypeVar
+from dataclasses import asdict, dataclass, fields, is_dataclass
+from typing import Any, Literal, Self, TypeVar
 
+from vic_toolbox import tasks
 from vic_toolbox.errors import FileError, InputError, finite_number, integer, one_of
 from vic_toolbox.learning import Recipe, TransferConfiguration, recipe
+from vic_toolbox.tasks.vector_environment import MOST_NOISE
 
 METHODS = ("airl", "bc", "constant")
 ACTIONS = ("gain", "force")
@@ -19,24 +21,35 @@ REWARDS = ("learned", "random")
 T = TypeVar("T")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class DemonstrationConfiguration:
     """How the expert is recorded; alike for every method of the same seed."""
 
+    push: float
+    """Size of the random pushes on the expert [N], so that its data cover more than one path."""
     count: int = 50
     """Trajectories to learn from."""
     held_out: int = 10
     """Further trajectories that only judge the learning."""
-    push: float = 5.0
-    """Size of the random pushes on the expert [N], so that its data cover more than one path."""
-    start_noise: float = 0.02
-    """Standard deviation of the start joint angles [rad]."""
+    start_noise: float = 1.0
+    """Variation of the starts, in units of the task's usual one."""
 
     def __post_init__(self) -> None:
         integer("demonstrations", self.count, low=1)
         integer("held-out demonstrations", self.held_out, low=1)
         finite_number("push", self.push, low=0.0)
-        finite_number("start noise", self.start_noise, low=0.0)
+        finite_number("start noise", self.start_noise, low=0.0, high=MOST_NOISE)
+
+    @classmethod
+    def for_task(cls, task: str, *, push: float | None = None, **options: Any) -> Self:
+        """With the task's own pushes, unless they are given.
+
+        Raises
+        ------
+        InputError
+            Unknown task, or a number out of range.
+        """
+        return cls(push=tasks.make(task).push if push is None else push, **options)
 
 
 @dataclass(frozen=True)
@@ -49,14 +62,14 @@ class RunConfiguration:
     """AIRL, behaviour cloning, or gains that never change."""
     recipe: Recipe
     """Every hyper-parameter of learning."""
+    demonstrations: DemonstrationConfiguration
+    """How the expert is recorded."""
     action: Literal["gain", "force"] = "gain"
     """What the policy sets: gains, or the feedback wrench itself."""
     history: int = 1
     """Last observations that the policy sees."""
     seed: int = 0
     """Of demonstrations, weights, exploration and minibatches."""
-    demonstrations: DemonstrationConfiguration = field(default_factory=DemonstrationConfiguration)
-    """How the expert is recorded."""
     episodes: int = 20
     """Episodes of the evaluation."""
 
@@ -83,7 +96,7 @@ class TransferRunConfiguration:
     source_weights: str
     """Fingerprint of that run's weights."""
     scenario: str
-    """Name of the scenario, or its start "x,y,z" [m]."""
+    """Name of the scenario."""
     transfer: TransferConfiguration
     """Every hyper-parameter of the transfer."""
     reward: Literal["learned", "random"] = "learned"
@@ -103,16 +116,19 @@ class TransferRunConfiguration:
 def default_configuration(
     task: str, method: str, *, action: str = "gain", history: int = 1, **rest: Any
 ) -> RunConfiguration:
-    """A :class:`RunConfiguration` with the task's own recipe.
+    """A :class:`RunConfiguration` with the task's own recipe and demonstrations.
 
     Raises
     ------
     InputError
         No recipe for the task, or a value that the configuration refuses.
     """
-    chosen = recipe(task, action=one_of("action", action, ACTIONS), history=history)
-    values: dict[str, Any] = {"task": task, "method": method, "action": action, "history": history, **rest}
-    return RunConfiguration(**{"recipe": chosen, **values})
+    one_of("action", action, ACTIONS)
+    if "recipe" not in rest:
+        rest["recipe"] = recipe(task, action=action, history=history)
+    if "demonstrations" not in rest:
+        rest["demonstrations"] = DemonstrationConfiguration.for_task(task)
+    return RunConfiguration(task=task, method=method, action=action, history=history, **rest)  # type: ignore[arg-type]
 
 
 def check_numbers(configuration: Any, name: str) -> None:

@@ -9,11 +9,17 @@ from pathlib import Path
 from vic_toolbox.experiments import report
 from vic_toolbox.experiments.configuration import flatten
 from vic_toolbox.experiments.evaluation import Evaluation, Policy, judge
-from vic_toolbox.experiments.figures import learning, style
-from vic_toolbox.experiments.figures.reward import reward_landscape
+from vic_toolbox.experiments.figures import style
 from vic_toolbox.experiments.film import film
-from vic_toolbox.experiments.report_parts import draw, motion_figures, results_table, short, table_caption
-from vic_toolbox.experiments.reward_slices import reward_slices
+from vic_toolbox.experiments.report_parts import (
+    learning_figure,
+    motion_figures,
+    results_table,
+    reward_figure,
+    saved,
+    short,
+    table_caption,
+)
 from vic_toolbox.experiments.skill import Skill
 from vic_toolbox.experiments.trace import Trace, record_trace
 
@@ -64,7 +70,16 @@ def write_demo_report(
     others = {name: skills[name] for name in ("bc", "constant")}
     trained = Scene.play({"airl": airl} | others, "train", threads=threads)
     new = Scene.play({"before": airl, "transfer": carried} | others, unseen, threads=threads)
-    figures = path.parent / "figures"
+    drawings = [
+        *learning_figure(
+            airl, trained.rows["airl"], file="learning", title="Learning from the demonstrations"
+        ),
+        *learning_figure(
+            carried, new.rows["transfer"], file="transfer", title=f"Carrying the skill to {unseen}"
+        ),
+        *motion_figures({short("train"): trained.traces, short(unseen): new.traces}),
+        *reward_figure(airl, trained.traces["expert"]),
+    ]
     report.write_report(
         path,
         title="A variable impedance skill, learned and carried over",
@@ -76,14 +91,7 @@ def write_demo_report(
             *(report.Note(text) for text in notes),
             _table(trained, "On the training start", "airl"),
             _table(new, f"On the unseen start {unseen}", "transfer"),
-            *_curves(
-                airl, trained.rows["airl"], figures / "learning.svg", "Learning from the demonstrations"
-            ),
-            *_curves(
-                carried, new.rows["transfer"], figures / "transfer.svg", f"Carrying the skill to {unseen}"
-            ),
-            *motion_figures({short("train"): trained.traces, short(unseen): new.traces}, figures),
-            *_reward(airl, trained.traces["expert"], figures / "reward.svg"),
+            *(saved(drawing, path.parent / "figures") for drawing in drawings),
             report.Commands("Where to go from here", next_steps),
             report.Settings("Every setting of the AIRL run", flatten(airl.folder.configuration)),
         ],
@@ -99,20 +107,6 @@ def _table(scene: Scene, title: str, marked: str) -> report.Table:
     rows = [(style.look(name).label, row) for name, row in scene.rows.items()]
     episodes = scene.rows["expert"].episodes
     return results_table(title, rows, marked=style.look(marked).label, caption=table_caption(episodes))
-
-
-def _curves(skill: Skill, row: Evaluation, path: Path, title: str) -> list[report.Part]:
-    drawing = learning.learning_curves(skill.folder.metrics(), expert_score=row.expert_score, name=skill.look)
-    return (
-        [] if drawing is None else [draw(drawing, path, title, "Transfer" if skill.transfer else "Learning")]
-    )
-
-
-def _reward(skill: Skill, expert: Trace, path: Path) -> list[report.Part]:
-    if skill.reward is None:
-        return []
-    slices = reward_slices(skill.task("train"), skill.reward, skill.policy, expert, name=skill.look)
-    return [draw(reward_landscape(slices), path, "What the reward values", "reward")]
 
 
 def _summary(trained: Evaluation, before: Evaluation, after: Evaluation) -> str:

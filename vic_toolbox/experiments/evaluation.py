@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from vic_toolbox.errors import finite_number, integer
+from vic_toolbox.errors import finite_number, integer, one_of
+from vic_toolbox.experiments.intervals import wilson_interval
 from vic_toolbox.tasks import Task, VectorEnvironment
 
 Act = Callable[[np.ndarray], np.ndarray]
@@ -18,8 +19,8 @@ Act = Callable[[np.ndarray], np.ndarray]
 START_SEED = 1000
 """Seed of the evaluation's starts: every method and every run is judged on the same ones."""
 
-START_NOISE = 0.02
-"""Standard deviation of the start joint angles in an evaluation [rad]."""
+START_NOISE = 1.0
+"""Variation of the starts in an evaluation, in units of the task's usual one."""
 
 _AT_ONCE = 64  # simulations side by side
 
@@ -31,7 +32,7 @@ class Policy:
     act: Act
     """Its mean action."""
     method: str
-    """airl, bc, constant or expert."""
+    """airl, bc, expert, or the name of a constant baseline."""
     transfer: str = ""
     """How it was transferred, if it was."""
     seed: int = 0
@@ -43,14 +44,15 @@ class Policy:
         return cls(task.expert_action, "expert")
 
     @classmethod
-    def constant(cls, task: Task) -> Policy:
-        """Gains in the middle of their range, always."""
-        return cls(
-            lambda observations: np.broadcast_to(
-                task.constant_action(observations), (len(observations), task.action_size)
-            ),
-            "constant",
-        )
+    def constant(cls, task: Task, *, which: str = "constant") -> Policy:
+        """One of the task's constant gains, by its name in ``task.constants``."""
+        one_of("constant gain", which, task.constants)
+        return cls(partial(task.constant_action, which=which), which)
+
+
+def baselines(task: Task) -> dict[str, Policy]:
+    """All constant gains of a task, by look."""
+    return {which: Policy.constant(task, which=which) for which in task.constants}
 
 
 @dataclass(frozen=True)
@@ -72,9 +74,9 @@ class Evaluation:
     task: str
     """Name of the task."""
     scenario: str
-    """Name of the scenario, or its start."""
+    """Name of the scenario."""
     method: str
-    """airl, bc or constant."""
+    """airl, bc, expert, or the name of a constant baseline."""
     transfer: str
     """Empty, or how the policy was optimised under a frozen reward: e.g. "learned reward, continued"."""
     action: str
@@ -89,6 +91,10 @@ class Evaluation:
     """Number of episodes."""
     success_rate: float
     """Share of episodes that succeeded."""
+    success_low: float
+    """Lower end of its 95 % interval."""
+    success_high: float
+    """Upper end of its 95 % interval."""
     score_mean: float
     """Mean score."""
     score_std: float
@@ -132,7 +138,7 @@ def run_episodes(
     seed : int
         Draws the starts.
     start_noise : float
-        Standard deviation of the start joint angles [rad].
+        Variation of the starts, in units of the task's usual one.
     scenarios : sequence, optional
         One for each episode; by default the task's.
     threads : int
@@ -212,10 +218,12 @@ def evaluate(
 
 def _row(task: Task, policy: Policy, own: Episodes, expert: Episodes, seed: int) -> Evaluation:
     score, expert_score = float(own.score.mean()), float(expert.score.mean())
+    success = float(own.success.mean())
+    low, high = wilson_interval(success, len(own.success))
     signed = (expert_score - score) / abs(expert_score)
     return Evaluation(
         task=task.name,
-        scenario=scenario_label(task),
+        scenario=task.scenario.name,
         method=policy.method,
         transfer=policy.transfer,
         action=task.action,
@@ -223,7 +231,9 @@ def _row(task: Task, policy: Policy, own: Episodes, expert: Episodes, seed: int)
         seed=policy.seed,
         start_seed=seed,
         episodes=len(own.score),
-        success_rate=float(own.success.mean()),
+        success_rate=success,
+        success_low=low,
+        success_high=high,
         score_mean=score,
         score_std=float(own.score.std()),
         expert_score=expert_score,
@@ -232,11 +242,3 @@ def _row(task: Task, policy: Policy, own: Episodes, expert: Episodes, seed: int)
         signed_difference=signed,
         peak_force_mean=float(own.peak_force.mean()),
     )
-
-
-def scenario_label(task: Task) -> str:
-    """The name of the task's scenario; a start of the user's own is written out as "x,y,z" [m], to a micrometre."""
-    scenario = task.scenario
-    if scenario.name in task.scenarios:
-        return scenario.name
-    return ",".join(f"{x:.6f}".rstrip("0").rstrip(".") for x in scenario.start)

@@ -10,30 +10,30 @@ import numpy as np
 from matplotlib.patches import Rectangle
 
 from vic_toolbox.errors import DependencyError, InputError
-from vic_toolbox.experiments.figures import motion, style
+from vic_toolbox.experiments.figures import style
+from vic_toolbox.experiments.task_views import plain_scenery, view
 from vic_toolbox.experiments.trace import Trace
 from vic_toolbox.tasks import Task
-from vic_toolbox.tasks.cup_on_plate import GAINS
-from vic_toolbox.tasks.cup_scene import PLATE_RADIUS, robot
 from vic_toolbox.tasks.rendering import Renderer, write_video
 
 FPS = 25
 WIDTH, HEIGHT, STRIP = 480, 420, 64  # of one panel, and of the strip below it [pixels]
 _DPI = 100
+_ARRIVED = 0.035  # distance to the goal that counts as none, as a share of the first
 _BAR = 0.76  # length of the stiffness bar, as a share of the width
 
-RENDERED = "Simulated arm at its real speed."
+RENDERED = "The simulation at its real speed."
 DRAWN = (
-    "Drawn, not rendered: this machine has no OpenGL library ({reason}) The lines are the simulated arm's "
-    "links at their real speed."
+    "Drawn, not rendered: this machine has no OpenGL library ({reason}) The lines stand for what moves, at its real "
+    "speed."
 )
-_BAR_LEGEND = " The bar is the mean translational stiffness, from 60 to 200 N/m."
+_BAR_LEGEND = " The bar is the mean translational stiffness, from {:.0f} to {:.0f} N/m."
 
 
 def film(path: Path, traces: Mapping[str, Trace], task: Task) -> str:
     """Write an ``.mp4`` of the traces side by side.
 
-    Without an OpenGL library the arm is drawn as lines instead, and the caption says so.
+    Without an OpenGL library the moving parts are drawn as lines instead, and the caption says so.
 
     Parameters
     ----------
@@ -59,11 +59,12 @@ def film(path: Path, traces: Mapping[str, Trace], task: Task) -> str:
     if path.suffix != ".mp4":
         raise InputError(f"the film's name is {str(path)!r}; it must end in .mp4.")
     step = round(1.0 / (FPS * task.dt))
-    legend = _BAR_LEGEND if any(trace.stiffness.any() for trace in traces.values()) else ""
+    gains = any(trace.stiffness.any() for trace in traces.values())
+    legend = _BAR_LEGEND.format(*_stiffness_range(task)) if gains else ""
     try:
         renderer = Renderer(task.picture_spec(), width=WIDTH, height=HEIGHT)
     except DependencyError as error:
-        write_video(path, _frames(traces, step, _drawn(traces)), fps=FPS)
+        write_video(path, _frames(traces, step, _drawn(traces, task)), fps=FPS)
         return DRAWN.format(reason=error) + legend
     with renderer:
         write_video(
@@ -84,11 +85,17 @@ def _frames(
         yield np.concatenate(panels, axis=1)
 
 
+def _stiffness_range(task: Task) -> tuple[float, float]:
+    """Smallest and largest mean translational stiffness [N/m]."""
+    return float(task.gains.minimum[:3].mean()), float(task.gains.maximum[:3].mean())
+
+
 def _arrival(traces: Mapping[str, Trace]) -> int:
-    """Row half a second after the last one has come to within 20 mm of the goal; then all stand still."""
+    """Row half a second after the last one has all but covered its way to the goal; then all stand still."""
     length = len(next(iter(traces.values())).time)
     late = [
-        np.flatnonzero(trace.distance > 0.02).max(initial=0) + round(0.5 / trace.time[1])
+        np.flatnonzero(trace.distance > _ARRIVED * trace.distance[0]).max(initial=0)
+        + round(0.5 / trace.time[1])
         for trace in traces.values()
     ]
     return min(max(late), length - 1)
@@ -111,10 +118,11 @@ class _Strip:
 
     def picture(self, trace: Trace, t: int) -> np.ndarray:
         """The strip at one moment, (STRIP, WIDTH, 3)."""
-        self._told.set_text(f"{trace.time[t]:.2f} s    {1e3 * trace.distance[t]:.0f} mm to go")
+        decimals = 0 if trace.distance[0] > 0.1 else 1
+        self._told.set_text(f"{trace.time[t]:.2f} s    {1e3 * trace.distance[t]:.{decimals}f} mm to go")
         stiffness = float(trace.stiffness[t, :3].mean())
         if stiffness > 0.0:
-            low, high = GAINS.minimum[0], GAINS.maximum[0]
+            low, high = _stiffness_range(trace.task)
             self._bar.set_width(
                 _BAR * (0.05 + 0.95 * float(np.clip((stiffness - low) / (high - low), 0.0, 1.0)))
             )
@@ -122,31 +130,23 @@ class _Strip:
         return style.pixels(self._drawing)
 
 
-def _drawn(traces: Mapping[str, Trace]) -> Callable[[str, int], np.ndarray]:
-    """Pictures of the arm as lines from joint to joint."""
-    arm = robot()
-    frames = [
-        frame for frame in arm.frame_names if frame.startswith(("base", "link", "flange", "gripper", "cup"))
-    ]
-    joints = {
-        name: np.stack([arm.pose(trace.joints, frame=frame)[:, :3, 3] for frame in frames], axis=1)
-        for name, trace in traces.items()
-    }
+def _drawn(traces: Mapping[str, Trace], task: Task) -> Callable[[str, int], np.ndarray]:
+    """Pictures of what moves as a line, in front of what the task's view has to show."""
+    scenery = view(task).scenery or plain_scenery
+    bodies = {name: task.skeleton(trace.joints) for name, trace in traces.items()}
     drawings = {}
     for name, trace in traces.items():
         with style.figure(WIDTH / _DPI, HEIGHT / _DPI) as drawing:
             axes: Any = drawing.add_subplot(projection="3d")
-            motion.draw_paths(axes, {"start": {name: trace}}, plate_radius=PLATE_RADIUS)
-            axes.set_zlim(0.0, 0.9)
-            axes.set_box_aspect((0.8, 0.9, 0.9), zoom=1.1)
-            (links,) = axes.plot(
+            scenery(axes, name, trace, bodies[name])
+            (line,) = axes.plot(
                 [], [], [], color="#e0a800", lw=5, marker="o", ms=6, mfc="#7a5c00", mec="none"
             )
-            drawings[name] = (drawing, links)
+            drawings[name] = (drawing, line)
 
     def picture(name: str, t: int) -> np.ndarray:
-        drawing, links = drawings[name]
-        links.set_data_3d(*joints[name][t].T)
+        drawing, line = drawings[name]
+        line.set_data_3d(*bodies[name][t].T)
         return style.pixels(drawing)
 
     return picture

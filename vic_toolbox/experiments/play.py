@@ -40,7 +40,7 @@ def show_skill(skill: Skill, scenario: str | None, *, seed: int = 0) -> str:
     skill : Skill
         The policy.
     scenario : str, optional
-        A name, or a start "x,y,z" [m]; by default that of the run.
+        A name, or text that the task's ``as_scenario`` reads; by default that of the run.
     seed : int
         Draws a small variation of the start; 0 starts exactly at the scenario.
 
@@ -64,5 +64,5 @@ def show_skill(skill: Skill, scenario: str | None, *, seed: int = 0) -> str:
             observation, _, _, _, info = environment.step(skill.judged.act(observation))
     finally:
         window.close()
-    stands = "the cup stands" if info["success"][0] else "the cup does not stand"
-    return f"score {info['score'][0]:.1f}; {stands}"
+    succeeded, failed = task.outcome_text
+    return f"score {info['score'][0]:.1f}; {succeeded if info['success'][0] else failed}"

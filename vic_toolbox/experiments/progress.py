@@ -16,6 +16,8 @@ from rich.progress import (
 )
 from rich.progress import Progress as Bars
 
+from vic_toolbox.experiments.wording import short_score_text
+
 
 class Progress:
     """Says nothing; the base of the kinds that do."""
@@ -67,7 +69,7 @@ class ConsoleProgress(Progress):
         """Begin a stage; show its bar or its line."""
         self._finish()
         self._title, self._total, self._done, self._done_at_first = title, total or 0, 0, None
-        self._expert = "" if expert_score is None else f"expert {expert_score:.0f}"
+        self._expert = "" if expert_score is None else f"expert {short_score_text(expert_score)}"
         self._began = self._spoke = time.monotonic()
         if self._bars:
             self._bar = self._bars.add_task(title, total=total, score=self._expert)
@@ -80,7 +82,8 @@ class ConsoleProgress(Progress):
         if self._done_at_first is None:
             self._done_at_first = done
         told = " / ".join(
-            ([] if score is None else [f"score {score:.0f}"]) + ([self._expert] if self._expert else [])
+            ([] if score is None else [f"score {short_score_text(score)}"])
+            + ([self._expert] if self._expert else [])
         )
         if self._bars and self._bar is not None:
             self._bars.update(self._bar, completed=done, total=self._total or None, score=told)

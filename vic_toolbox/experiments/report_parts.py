@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Sequence
 from pathlib import Path
-
-import matplotlib.figure
 
 from vic_toolbox.experiments import report
 from vic_toolbox.experiments.evaluation import Evaluation
-from vic_toolbox.experiments.figures import motion, style
-from vic_toolbox.tasks.cup_scene import PLATE_RADIUS
-
-TASKS = {"cup-on-plate": "Cup-on-Plate"}
-"""Tasks as headings call them."""
+from vic_toolbox.experiments.figures import learning, motion, style
+from vic_toolbox.experiments.figures.reward import reward_landscape
+from vic_toolbox.experiments.reward_slices import reward_slice
+from vic_toolbox.experiments.skill import Skill
+from vic_toolbox.experiments.task_views import Drawing, Scenes, knob, view
+from vic_toolbox.experiments.trace import Trace
+from vic_toolbox.experiments.wording import score_text, success_text
+from vic_toolbox.tasks import Task
 
 CAPTIONS = {
     "Learning": (
@@ -26,65 +28,53 @@ CAPTIONS = {
         "The reward is frozen; only the policy moves. The thin line is its score while it explores, the "
         "thick one the score of its mean action, which the optimisation never sees."
     ),
-    "gains": (
-        "Stiffness and damping over one episode. The broad pale band is the expert: stiff and lightly "
-        "damped while far from the goal, soft and well damped near it. Dotted lines mark the distances at "
-        "which he changes over."
-    ),
-    "wrench": (
-        "The wrench that the policy sets, over one episode; the broad pale band is the expert's. Dotted lines mark the "
-        "distances at which he changes over."
-    ),
-    "paths": (
-        "Left: the path of the cup's bottom from its start to the plate. Right: how far each policy is from "
-        "where the expert is at the same moment."
-    ),
-    "forces": "Force that drives the arm, speed of the cup, and the force on it when it touches the plate.",
-    "reward": (
-        "The learned reward at states along the expert's path, when one quantity of the action is varied "
-        "and the rest is the expert's. Pale is what the reward prefers; where the pale ridge follows the "
-        "dashed line, it has learned what the expert does."
-    ),
 }
 
 
-def draw(drawing: matplotlib.figure.Figure, path: Path, title: str, caption: str) -> report.Figure:
-    """Save a figure and make it a part of a report."""
-    return report.Figure(style.save(drawing, path), title, CAPTIONS[caption])
+def saved(drawing: Drawing, folder: Path) -> report.Figure:
+    """A drawing as a part of a report, its file in the folder."""
+    path = style.save(drawing.figure, folder / f"{drawing.file}.svg")
+    return report.Figure(path, drawing.title, drawing.caption)
 
 
-def motion_figures(scenes: Mapping[str, motion.Traces], folder: Path) -> list[report.Part]:
-    """Gains (or wrenches) of each scene, paths of all of them, forces of the last."""
-    drawings = [
-        (motion.gains_over_time(traces), "gains", where)
-        if motion.has_gains(traces)
-        else (motion.wrench_over_time(traces), "wrench", where)
-        for where, traces in scenes.items()
-    ]
-    drawings += [(motion.paths(scenes, plate_radius=PLATE_RADIUS), "paths", "")]
-    where, traces = list(scenes.items())[-1]
-    drawings += [(motion.forces_over_time(traces), "forces", where)]
-    parts: list[report.Part] = []
-    for i, (drawing, kind, where) in enumerate(drawings):
-        title = _TITLES[kind] + (f", {where}" if where and len(scenes) > 1 else "")
-        name = f"{kind}-{i + 1}" if i < len(scenes) > 1 else kind
-        parts.append(draw(drawing, folder / f"{name}.svg", title, kind))
-    return parts
+def learning_figure(skill: Skill, row: Evaluation, *, file: str, title: str = "") -> list[Drawing]:
+    """The learning curves of a run, if it has any."""
+    curves = learning.learning_curves(skill.folder.metrics(), expert_score=row.expert_score, name=skill.look)
+    kind = "Transfer" if skill.transfer else "Cloning" if skill.run.method == "bc" else "Learning"
+    return [] if curves is None else [Drawing(file, title or kind, CAPTIONS[kind], curves)]
 
 
-_TITLES = {
-    "gains": "Gains over time",
-    "wrench": "Wrench over time",
-    "paths": "Paths in space",
-    "forces": "Forces",
-}
+def motion_figures(scenes: Scenes) -> list[Drawing]:
+    """Gains (or wrenches) of each scene, and what the task has of its own."""
+    shown = view(next(iter(next(iter(scenes.values())).values())).task)
+    drawings = []
+    for i, (where, traces) in enumerate(scenes.items()):
+        several = len(scenes) > 1
+        if motion.has_gains(traces):
+            kind, title, caption = "gains", "Gains over time", shown.gains
+            figure = motion.gains_over_time(traces, zones=shown.zones)
+        else:
+            kind, title, caption = "wrench", "Wrench over time", shown.wrench
+            figure = motion.wrench_over_time(traces, zones=shown.zones)
+        name, place = (f"{kind}-{i + 1}", f", {where}") if several else (kind, "")
+        drawings.append(Drawing(name, title + place, caption, figure))
+    return [*drawings, *shown.figures(scenes)]
+
+
+def reward_figure(skill: Skill, expert: Trace) -> list[Drawing]:
+    """What the skill's reward values along the expert's path, if it has one."""
+    if skill.reward is None:
+        return []
+    task = expert.task
+    part = reward_slice(task, skill.reward, skill.policy, expert, name=skill.look)
+    return [Drawing("reward", "What the reward values", knob(task).caption, reward_landscape([part]))]
 
 
 def results_table(
     title: str, rows: Sequence[tuple[str, Evaluation]], *, marked: str, caption: str = ""
 ) -> report.Table:
     """One row for each policy, (label, evaluation); the marked label is set off."""
-    head = ("policy", "start", "score", "expert's score", "relative difference", "success", "peak contact")
+    head = ("policy", "scenario", "success", "score", "expert's score", "relative difference", "peak contact")
     return report.Table(
         title,
         head,
@@ -97,8 +87,9 @@ def results_table(
 def table_caption(episodes: int) -> str:
     """What the numbers of a results table are."""
     return (
-        f"Mean ± standard deviation over {episodes} episodes; every policy and the expert start from the "
-        "same, slightly varied postures. Relative difference: |score − expert's score| / |expert's score|."
+        f"{episodes} episodes; every policy and the expert begin at the same, slightly varied starts. Success with its "
+        "95 % interval (Wilson); score as mean ± standard deviation over the episodes. Relative difference: "
+        "|score − expert's score| / |expert's score|."
     )
 
 
@@ -106,10 +97,10 @@ def _cells(label: str, row: Evaluation) -> tuple[str, ...]:
     return (
         label,
         row.scenario,
-        f"{row.score_mean:.1f} ± {row.score_std:.1f}".replace("-", "−"),
-        f"{row.expert_score:.1f}".replace("-", "−"),
+        success_text(row),
+        _minus(f"{score_text(row.score_mean)} ± {score_text(row.score_std)}"),
+        _minus(score_text(row.expert_score)),
         difference(row),
-        f"{100 * row.success_rate:.0f} %",
         f"{row.peak_force_mean:.1f} N",
     )
 
@@ -121,35 +112,38 @@ def difference(row: Evaluation) -> str:
     return f"{row.relative_difference:.3f} {'worse' if row.signed_difference > 0 else 'better'}"
 
 
-def verdict(row: Evaluation) -> str:
-    """The result in a sentence."""
+def verdict(row: Evaluation, task: Task) -> str:
+    """The result in two sentences."""
     side = "below" if row.signed_difference > 0 else "above"
-    return (
-        f"The policy scores {row.score_mean:.1f} from {place(row.scenario)}, "
-        f"{100 * row.relative_difference:.1f} % {side} the expert's {row.expert_score:.1f}; the cup stands "
-        f"in {100 * row.success_rate:.0f} % of {row.episodes} episodes."
-    ).replace(" -", " −")
+    return _minus(
+        f"In {place(row.scenario)} {task.outcome_text[0]} at the end of {success_text(row)} of {row.episodes} "
+        f"episodes; the expert's success is {100 * row.expert_success_rate:.0f} %. The policy scores "
+        f"{score_text(row.score_mean)}, {100 * row.relative_difference:.1f} % {side} the expert's "
+        f"{score_text(row.expert_score)}."
+    )
 
 
 def tiles(row: Evaluation) -> list[tuple[str, str]]:
     """The numbers at the head of a report."""
+    rate, interval = success_text(row).split(" (")
     return [
-        (f"{row.score_mean:.1f}".replace("-", "−"), "score"),
-        (f"{row.expert_score:.1f}".replace("-", "−"), "expert's score"),
+        (rate, f"success ({interval}"),
+        (_minus(score_text(row.score_mean)), "score"),
+        (_minus(score_text(row.expert_score)), "expert's score"),
         (f"{row.relative_difference:.3f}", "relative difference"),
-        (f"{100 * row.success_rate:.0f} %", "success"),
     ]
+
+
+def _minus(text: str) -> str:
+    """With the sign of typography instead of hyphens before numbers."""
+    return re.sub(r"(?<!\S)-(?=\d)", "−", text)
 
 
 def short(scenario: str) -> str:
     """A scenario as figures call it."""
-    return "training start" if scenario == "train" else f"start {scenario}"
+    return "training" if scenario == "train" else scenario
 
 
 def place(scenario: str) -> str:
     """A scenario in words."""
-    if scenario == "train":
-        return "the training start"
-    return (
-        f"the start ({scenario.replace(',', ', ')}) m" if "," in scenario else f"the unseen start {scenario}"
-    )
+    return "the training scenario" if scenario == "train" else f"the scenario {scenario}"

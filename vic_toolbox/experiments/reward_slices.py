@@ -6,22 +6,22 @@ import numpy as np
 import torch
 
 from vic_toolbox.experiments.figures.reward import RewardSlice
+from vic_toolbox.experiments.task_views import knob
 from vic_toolbox.experiments.trace import Trace
 from vic_toolbox.learning import GaussianPolicy, RewardNetwork
 from vic_toolbox.tasks import Task
-from vic_toolbox.tasks.cup_on_plate import GAINS
 
 _STATES, _VALUES = 90, 61
+_CLOSEST = 0.035  # where the slice ends, as a share of the distance at which the path begins
 
 
-def reward_slices(
+def reward_slice(
     task: Task, reward: RewardNetwork, policy: GaussianPolicy, expert: Trace, *, name: str
-) -> list[RewardSlice]:
-    """The reward over one quantity of the action at a time, at states of the expert's path; the rest is the
-    expert's.
+) -> RewardSlice:
+    """The reward along the task's :class:`~vic_toolbox.experiments.task_views.Knob`, at states of the expert's path.
 
-    Gain actions: the translational stiffness (all three alike) and the damping factor, over their ranges.
-    Force actions: the force, as a multiple of the expert's.
+    The knob turns all actions together: with one of them varied and the others the expert's, a reward looks as if it
+    knew more than it does.
 
     Parameters
     ----------
@@ -37,34 +37,30 @@ def reward_slices(
         Look of the policy.
     """
     states = expert.observations[_evenly_spaced(expert.distance)]
-    distance = np.linalg.norm(states[:, -12:-9], axis=1)
     own, wanted = np.clip(policy.mean(states), task.action_low, task.action_high), task.expert_action(states)
-    if task.action == "force":
-        grid = np.linspace(0.0, 2.0, _VALUES)
-        tried = np.repeat(wanted[:, None], _VALUES, axis=1)
-        tried[..., :3] *= grid[:, None]
-        share = (own * wanted)[:, :3].sum(axis=1) / np.square(wanted[:, :3]).sum(axis=1)
-        chosen = {"expert": np.ones_like(share), name: share}
-        title = "force along the expert's  [multiple of it]"
-        return [RewardSlice(title, grid, distance, _values(reward, policy, states, tried), chosen)]
-    slices = []
-    grid = np.linspace(-1.0, 1.0, _VALUES)
-    for title, which in (("translational stiffness  [N/m]", [0, 1, 2]), ("damping factor d  [√kg]", [6])):
-        low, high = GAINS.minimum[which[0]], GAINS.maximum[which[0]]
-        tried = np.repeat(wanted[:, None], _VALUES, axis=1)
-        tried[..., which] = grid[:, None]
-        in_units = {
-            method: low + (high - low) * (action[:, which].mean(axis=1) + 1.0) / 2.0
-            for method, action in (("expert", wanted), (name, own))
-        }
-        value = low + (high - low) * (grid + 1.0) / 2.0
-        slices.append(RewardSlice(title, value, distance, _values(reward, policy, states, tried), in_units))
-    return slices
+    line = knob(task)
+    direction = wanted if line.direction is None else np.broadcast_to(line.direction, wanted.shape)
+    grid = np.linspace(line.low, line.high, _VALUES)
+    return RewardSlice(
+        name=line.title,
+        value=line.unit(task, grid),
+        distance=np.linalg.norm(states[:, -12:-9], axis=1),
+        reward=_values(reward, policy, states, grid[:, None] * direction[:, None]),
+        chosen={
+            look: line.unit(task, _place(actions, direction))
+            for look, actions in (("expert", wanted), (name, own))
+        },
+    )
+
+
+def _place(actions: np.ndarray, direction: np.ndarray) -> np.ndarray:
+    """The s (n,) for which s · direction is nearest to the actions (n, n_a)."""
+    return (actions * direction).sum(axis=1) / np.maximum(np.square(direction).sum(axis=1), 1e-12)
 
 
 def _evenly_spaced(distance: np.ndarray) -> np.ndarray:
-    """Rows at which the distance to the goal first falls below evenly spaced levels, down to 20 mm."""
-    levels = np.linspace(distance[0], 0.02, _STATES)
+    """Rows at which the distance to the goal first falls below evenly spaced levels."""
+    levels = np.linspace(distance[0], _CLOSEST * distance[0], _STATES)
     rows = [int(np.argmax(distance <= level)) for level in levels if (distance <= level).any()]
     return np.unique(rows)
 

@@ -6,7 +6,8 @@
 ``checkpoint.safetensors``  state of an unfinished run, replaced as a whole every few iterations
 ``demonstrations.npz``      what the expert did
 ``policy.safetensors``      the policy; ``reward.safetensors`` the learned reward
-``evaluation.json``         the latest evaluation; all of them under ``evaluations/<scenario>/``
+``evaluation.json``         the latest evaluation; all of them under ``evaluations/<scenario>/``, sweeps
+                            under ``evaluations/sweep-<name>/``
 ``figures/``                figures; ``report.html`` shows them all
 ==========================  ==========================================================================
 
@@ -31,7 +32,7 @@ from vic_toolbox.experiments.configuration import flatten
 from vic_toolbox.files import read_json, write_atomically, write_json
 from vic_toolbox.learning.checkpoints import load_tensors, save_tensors
 
-FORMAT = "vic-run/1"
+FORMAT = "vic-run/2"
 
 
 class RunFolder:
@@ -248,7 +249,8 @@ def _read_identity(path: Path) -> dict[str, Any]:
     identity = read_json(path / "config.json")
     if not isinstance(identity, dict) or identity.get("format") != FORMAT:
         raise FileError(
-            f"{path / 'config.json'} does not describe a run of this version (format {FORMAT!r})."
+            f"{path / 'config.json'} does not describe a run of this version (format {FORMAT!r}); "
+            "a run of another version must be used with that, or train it anew."
         )
     if not isinstance(identity.get("kind"), str) or not isinstance(identity.get("configuration"), dict):
         raise FileError(f"{path / 'config.json'} lacks the kind of the run or its configuration.")

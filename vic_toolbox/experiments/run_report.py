@@ -1,4 +1,4 @@
-"""Judging and reporting one run: the policy beside the expert and the constant gain."""
+"""Judging and reporting one run: the policy beside the expert and the constant gains."""
 
 from __future__ import annotations
 
@@ -6,22 +6,22 @@ from collections.abc import Mapping
 
 from vic_toolbox.experiments import report
 from vic_toolbox.experiments.configuration import flatten
-from vic_toolbox.experiments.evaluation import Evaluation, Policy, judge
-from vic_toolbox.experiments.figures import learning, style
-from vic_toolbox.experiments.figures.reward import reward_landscape
+from vic_toolbox.experiments.difficulty import offered_sweeps
+from vic_toolbox.experiments.evaluation import Evaluation, Policy, baselines, judge
+from vic_toolbox.experiments.figures import style
 from vic_toolbox.experiments.report_parts import (
-    TASKS,
-    draw,
+    learning_figure,
     motion_figures,
     place,
     results_table,
+    reward_figure,
+    saved,
     short,
     table_caption,
     tiles,
     verdict,
 )
 from vic_toolbox.experiments.results import write_evaluation
-from vic_toolbox.experiments.reward_slices import reward_slices
 from vic_toolbox.experiments.skill import Skill
 from vic_toolbox.experiments.trace import record_trace
 from vic_toolbox.tasks import Task
@@ -48,14 +48,14 @@ def report_run(skill: Skill, *, before: Skill | None = None, threads: int = 0) -
     labelled = [(style.look(name).label, row) for name, row in rows.items()]
     report.write_report(
         skill.folder.path / "report.html",
-        title=_title(skill, own),
+        title=_title(skill, task),
         subtitle=f"{task.action} actions, history {task.history}, seed {skill.seed}, {place(own.scenario)}",
-        summary=verdict(own),
+        summary=verdict(own, task),
         tiles=tiles(own),
         parts=[
             results_table("Result", labelled, marked=label, caption=table_caption(own.episodes)),
             *_figures(skill, task, policies, own),
-            report.Commands("Where to go from here", _next_steps(skill)),
+            report.Commands("Where to go from here", _next_steps(skill, task)),
             report.Settings("Every setting of this run", flatten(skill.folder.configuration)),
         ],
     )
@@ -67,44 +67,36 @@ def _contestants(task: Task, skill: Skill, before: Skill | None) -> dict[str, Po
     if before is not None:
         policies["before"] = before.judged
     policies[skill.look] = skill.judged
-    return policies | {"constant": Policy.constant(task)}
+    return policies | baselines(task)
 
 
 def _figures(skill: Skill, task: Task, policies: Mapping[str, Policy], own: Evaluation) -> list[report.Part]:
-    folder = skill.folder.path / "figures"
     traces = {name: record_trace(task, policy.act) for name, policy in policies.items()}
-    parts: list[report.Part] = []
-    curves = learning.learning_curves(skill.folder.metrics(), expert_score=own.expert_score, name=skill.look)
-    if curves is not None:
-        title = "Transfer" if skill.transfer else "Cloning" if skill.run.method == "bc" else "Learning"
-        parts.append(draw(curves, folder / "learning.svg", title, title))
-    parts += motion_figures({short(own.scenario): traces}, folder)
-    if skill.reward is not None:
-        slices = reward_slices(task, skill.reward, skill.policy, traces["expert"], name=skill.look)
-        parts.append(
-            draw(reward_landscape(slices), folder / "reward.svg", "What the reward values", "reward")
-        )
-    return parts
+    drawings = [
+        *learning_figure(skill, own, file="learning"),
+        *motion_figures({short(own.scenario): traces}),
+        *reward_figure(skill, traces["expert"]),
+    ]
+    return [saved(drawing, skill.folder.path / "figures") for drawing in drawings]
 
 
-def _title(skill: Skill, own: Evaluation) -> str:
-    task = TASKS.get(own.task, own.task)
+def _title(skill: Skill, task: Task) -> str:
     if skill.transfer is None:
         label = style.look(skill.look).label
-        return f"{label[0].upper()}{label[1:]} on {task}"
-    return f"{task}: a skill carried to {place(own.scenario)}"
+        return f"{label[0].upper()}{label[1:]} on {task.title}"
+    return f"{task.title}: a skill carried to {place(task.scenario.name)}"
 
 
-def _next_steps(skill: Skill) -> list[tuple[str, str]]:
-    run = skill.folder.path
+def _next_steps(skill: Skill, task: Task) -> list[tuple[str, str]]:
+    run, unseen = skill.folder.path, [name for name in task.scenarios if name != "train"]
     steps = []
-    if skill.reward is not None and skill.transfer is None:
+    if skill.reward is not None and skill.transfer is None and unseen:
         steps.append((
-            f"vic transfer {run} --scenario T1 --out {run}-T1",
-            "Optimise the policy under the frozen reward on a start that it never saw.",
+            f"vic transfer {run} --scenario {unseen[0]} --out {run}-{unseen[0]}",
+            "Optimise the policy under the frozen reward on a scenario that it never saw.",
         ))  # fmt: skip
-    return [
-        *steps,
-        (f"vic evaluate {run} --sweep start", "Map score and success over starts all around the arm."),
-        (f"vic play {run} --scenario T2 --video {run.name}-T2.mp4", "Film the policy beside the expert."),
-    ]
+    if sweeps := offered_sweeps(task):
+        steps.append((f"vic evaluate {run} --sweep {sweeps[0]}", "See how far the skill carries."))
+    where = unseen[-1] if unseen else "train"
+    film = f"vic play {run} --scenario {where} --video {run.name}-{where}.mp4"
+    return [*steps, (film, "Film the policy beside the expert.")]

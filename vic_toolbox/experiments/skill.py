@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import hashlib
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from vic_toolbox import tasks
-from vic_toolbox.errors import FileError, InputError, finite_array
+from vic_toolbox.errors import FileError, InputError
 from vic_toolbox.experiments.configuration import RunConfiguration, TransferRunConfiguration, from_json
 from vic_toolbox.experiments.evaluation import Policy
 from vic_toolbox.experiments.run_folder import RunFolder
@@ -57,7 +58,7 @@ class Skill:
         return "transfer" if self.transfer.reward == "learned" else "random"
 
     def task(self, scenario: Any = None) -> tasks.Task:
-        """The skill's task on a scenario: a name, "x,y,z" or a point [m]; by default the one of its run."""
+        """The skill's task on a scenario, or on its name or text; by default on the one of its run."""
         if scenario is None:
             scenario = self.transfer.scenario if self.transfer else "train"
         return make_task(self.run, scenario)
@@ -79,26 +80,34 @@ def make_task(run: RunConfiguration, scenario: Any) -> tasks.Task:
 
     Raises
     ------
-    InputError, ReachError
-        Unknown scenario, or a start that the arm cannot take.
+    InputError
+        Unknown scenario, or one that the task cannot begin with.
     """
-    return tasks.make(run.task, action=run.action, history=run.history, scenario=parse_scenario(scenario))
+    return tasks.make(run.task, action=run.action, history=run.history, scenario=scenario)
 
 
-def parse_scenario(scenario: Any) -> Any:
-    """A scenario as a task takes it: "x,y,z" becomes a point, everything else stays.
+def side_by_side(skills: Sequence[Skill]) -> tuple[tasks.Task, dict[str, Policy]]:
+    """Several skills to be judged together: their task, and their policies by look.
+
+    Of two of a kind the later ones go by the names of their folders.
 
     Raises
     ------
     InputError
-        Something with commas that is not three numbers.
+        The runs are not of the same task, action space and history.
     """
-    if not isinstance(scenario, str) or "," not in scenario:
-        return scenario
-    try:
-        return tuple(finite_array("scenario", [float(x) for x in scenario.split(",")], shape=(3,)).tolist())
-    except ValueError as error:
-        raise InputError(f'scenario is "{scenario}"; pass a name, or a start "x,y,z" in metres.') from error
+    policies: dict[str, Policy] = {}
+    task = skills[0].task("train")
+    for skill in skills:
+        other = skill.task("train")
+        if (other.name, other.action, other.history) != (task.name, task.action, task.history):
+            raise InputError(
+                f"{skill.folder.path} is of {other.name}, action {other.action}, history {other.history}; "
+                f"the first run is of {task.name}, action {task.action}, history {task.history}. Sweep each alone."
+            )
+        name = skill.look if skill.look not in policies else skill.folder.path.name
+        policies[name] = skill.judged
+    return task, policies
 
 
 def load_skill(path: str | os.PathLike[str]) -> Skill:

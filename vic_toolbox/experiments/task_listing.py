@@ -26,9 +26,9 @@ def gymnasium_id(task: tasks.Task) -> str:
 
 
 def scenario_rows() -> list[tuple[str, ...]]:
-    """Task, scenario and start of every scenario."""
-    return [
-        (name, label, ", ".join(f"{x:.2f}" for x in scenario.start))
-        for name in tasks.names()
-        for label, scenario in tasks.make(name).scenarios.items()
-    ]
+    """Task, name and description of every scenario, and how one of the user's own is written."""
+    rows: list[tuple[str, ...]] = []
+    for task in map(tasks.make, tasks.names()):
+        rows += [(task.name, name, found.description) for name, found in task.scenarios.items()]
+        rows.append((task.name, "your own", task.scenario_help))
+    return rows

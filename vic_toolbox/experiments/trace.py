@@ -16,6 +16,8 @@ class Trace:
 
     Attributes
     ----------
+    task : Task
+        What was done, with its scenario.
     time : ndarray, shape (T,)
         Since the start [s].
     error, rate : ndarray, shape (T, 6)
@@ -25,17 +27,16 @@ class Trace:
     feedback : ndarray, shape (T, 6)
         Feedback wrench F_fb.
     contact : ndarray, shape (T,)
-        Force of the furniture on the held object [N].
-    joints : ndarray, shape (T, nv)
-        Joint angles [rad].
+        Force of the surroundings on what is moved [N].
+    joints : ndarray, shape (T, nq)
+        Joint positions of the simulation: an arm's angles [rad], or the pose of a free body [m, quat wxyz].
     observations : ndarray, shape (T, observation_size)
         What the policy saw.
-    goal : ndarray, shape (3,)
-        Position of the goal [m].
     score : float
         The task's score of the episode.
     """
 
+    task: Task
     time: np.ndarray
     error: np.ndarray
     rate: np.ndarray
@@ -45,8 +46,12 @@ class Trace:
     contact: np.ndarray
     joints: np.ndarray
     observations: np.ndarray
-    goal: np.ndarray
     score: float
+
+    @property
+    def goal(self) -> np.ndarray:
+        """Reference position of the end-effector, (3,) [m]."""
+        return self.task.goal
 
     @property
     def path(self) -> np.ndarray:
@@ -102,8 +107,8 @@ def record_trace(task: Task, act: Callable[[np.ndarray], np.ndarray]) -> Trace:
             column.append(value)
     recorded = {name: np.array(column) for name, column in columns.items()}
     return Trace(
+        task=task,
         time=task.dt * np.arange(task.horizon),
-        goal=np.array(task.scenario.start) - recorded["error"][0, :3],
         score=float(info["score"][0]),
         **recorded,
     )

@@ -42,19 +42,18 @@ class Workshop:
         """An untrained policy."""
         search = self.run.recipe.airl.search
         seed = int(random_stream(self.run.seed, 5).integers(2**31))
-        scale, size = self.task.observation_scale, self.task.action_size
-        return GaussianPolicy(scale, size, hidden=search.hidden, log_std=search.log_std, seed=seed)
+        return GaussianPolicy.for_task(self.task, hidden=search.hidden, log_std=search.log_std, seed=seed)
 
     def expert(self) -> ExpertData:
         """The expert's demonstrations as rows for learning."""
         self.progress.stage("demonstrations of the expert")
-        recorded = self._demonstrations()
-        return ExpertData.from_trajectories(
-            recorded.observations,
-            recorded.actions,
+        held_out = self.run.demonstrations.held_out
+        return ExpertData.from_demonstrations(
+            self._demonstrations(),
+            self.task,
             policy=self.policy(),
-            bounds=(self.task.action_low, self.task.action_high),
-            held_out=self.run.demonstrations.held_out,
+            held_out=held_out,
+            stratified=self.run.recipe.stratified,
         )
 
     def _demonstrations(self) -> tasks.Demonstrations:
@@ -115,7 +114,7 @@ def train(
     with RunFolder.create(out, "training", to_json(run), resume=resume) as folder, one_thread():
         if folder.complete:
             progress.say(f"{folder.path} is complete already.")
-            return read_evaluation(folder, "train")
+            return read_evaluation(folder, task.scenario.name)
         workshop = Workshop(run, folder, task, threads, seconds, progress)
         policy = _METHODS[run.method](workshop)
         save_policy(folder.path / "policy.safetensors", policy)
@@ -158,7 +157,7 @@ def _train_bc(shop: Workshop) -> GaussianPolicy:
 
 
 def _constant(shop: Workshop) -> GaussianPolicy:
-    """The middle of every gain's range: a network of zeros, whose output bias is the action."""
+    """The task's constant gain: a network of zeros, whose output bias is the action."""
     policy = shop.policy()
     policy.theta.zero_()
     policy.network.layers[-1][1].copy_(torch.from_numpy(shop.task.constant_action()))

@@ -9,7 +9,7 @@ from dataclasses import replace
 from vic_toolbox import tasks
 from vic_toolbox.errors import InputError, one_of
 from vic_toolbox.experiments.configuration import REWARDS, TransferRunConfiguration, to_json
-from vic_toolbox.experiments.evaluation import Evaluation, scenario_label
+from vic_toolbox.experiments.evaluation import Evaluation
 from vic_toolbox.experiments.loop import one_thread, run_to_end
 from vic_toolbox.experiments.progress import Progress
 from vic_toolbox.experiments.results import read_evaluation
@@ -44,7 +44,7 @@ def transfer(
     source : str or PathLike
         Folder of the finished run.
     scenario : str
-        A name, or a start "x,y,z" [m].
+        A name, or text that the task's ``as_scenario`` reads.
     out : str or PathLike
         The new run's folder.
     fresh : bool
@@ -70,11 +70,11 @@ def transfer(
     progress = progress or Progress()
     skill = load_skill(source)
     frozen = _reward(skill, reward, seed)
-    task = skill.task(scenario_label(skill.task(scenario)))  # the start as config.json can hold it
+    task = skill.task(skill.task(scenario).scenario.name)  # the scenario as config.json can hold it
     run = TransferRunConfiguration(
         source=skill.run,
         source_weights=fingerprint(skill),
-        scenario=scenario_label(task),
+        scenario=task.scenario.name,
         transfer=replace(settings or skill.run.recipe.transfer, fresh=fresh),
         reward=one_of("reward", reward, REWARDS),  # type: ignore[arg-type]
         seed=seed,

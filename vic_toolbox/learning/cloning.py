@@ -10,6 +10,7 @@ import torch
 
 from vic_toolbox.learning.expert_data import ExpertData
 from vic_toolbox.learning.networks import GaussianPolicy
+from vic_toolbox.learning.strata import stratified_rows
 
 
 @dataclass(frozen=True)
@@ -37,8 +38,9 @@ def clone(
 ) -> float:
     """Fit the policy's mean to the expert's training rows in place; returns the best held-out action error.
 
-    Minimises `E ‖(μ(o) − a) / s‖²` with s the expert actions' standard deviation per component; log σ is set to the
-    logarithm of the held-out error, so that the cloned policy is a proper Gaussian.
+    Minimises `E ‖(μ(o) − a) / s‖²` with s the expert actions' standard deviation per component, over all moments or,
+    where the data have strata, over all parts of the way alike; log σ is set to the logarithm of the held-out error, so
+    that the cloned policy is a proper Gaussian.
     """
     inputs, actions = expert.training
     scale = actions.std(0) + 1e-3
@@ -49,7 +51,7 @@ def clone(
     )
     best, best_theta = float("inf"), parameters.clone()
     for step in range(1, configuration.steps + 1):
-        rows = torch.from_numpy(rng.integers(len(inputs), size=configuration.batch))
+        rows = _minibatch(expert, configuration.batch, rng)
         output, activations = policy.network.forward(inputs[rows])
         difference = (output - actions[rows]) / scale
         cotangent = difference * (2.0 / difference.numel()) / scale
@@ -70,3 +72,9 @@ def clone(
     residual = (policy.network.value(held_inputs) - held_actions).square().mean(0).sqrt()
     policy.log_std.copy_(residual.clamp_(min=1e-3).log_())
     return best
+
+
+def _minibatch(expert: ExpertData, size: int, rng: np.random.Generator) -> torch.Tensor:
+    if expert.strata is not None:
+        return stratified_rows(expert.strata[0], (size,), rng)
+    return torch.from_numpy(rng.integers(len(expert.training[0]), size=size))

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 import torch
@@ -133,6 +134,13 @@ class Mlp:
         return change
 
 
+class PolicyTask(Protocol):
+    """What a policy must know of its task."""
+
+    observation_scale: np.ndarray
+    action_size: int
+
+
 class GaussianPolicy:
     """`π(a|o) = N(μ(o), diag σ²)`, μ a tanh network on the scaled observation, σ independent of the state.
 
@@ -155,6 +163,11 @@ class GaussianPolicy:
         sizes = (len(self.observation_scale), hidden, hidden, self.action_size)
         self.network = Mlp(sizes, "tanh", generator=generator, output_scale=0.1, extra=self.action_size)
         self.log_std.fill_(log_std)
+
+    @classmethod
+    def for_task(cls, task: PolicyTask, *, hidden: int, log_std: float, seed: int) -> GaussianPolicy:
+        """An untrained policy for a task: its observation scale and number of actions."""
+        return cls(task.observation_scale, task.action_size, hidden=hidden, log_std=log_std, seed=seed)
 
     def copy(self, theta: torch.Tensor | None = None) -> GaussianPolicy:
         """A policy of the same shape with the given (default: its own) parameters."""

@@ -25,8 +25,8 @@ class PolicySearchConfiguration:
 
     environments: int = 20
     """Simulations side by side; with a horizon of 500 steps 20 of them give the paper's batch of 10000."""
-    start_noise: float = 0.02
-    """Standard deviation of the start joint angles [rad]."""
+    start_noise: float = 1.0
+    """Variation of the starts, in units of the task's usual one."""
     hidden: int = 32
     """Units of each of the policy's and the critic's two hidden layers."""
     log_std: float = -0.5

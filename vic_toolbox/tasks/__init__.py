@@ -4,8 +4,8 @@
 >>> task = tasks.make("cup-on-plate", action="gain")
 >>> environment = tasks.VectorEnvironment(task, num_envs=20)
 
-Importing this package registers the Gymnasium id ``vic/CupOnPlate-v0``. A new task is a module with a class
-like :class:`~vic_toolbox.tasks.cup_on_plate.CupOnPlate`, and one line in :data:`TASKS`.
+Importing this package registers the Gymnasium ids ``vic/CupOnPlate-v0`` and ``vic/PegInHole-v0``. A new task is
+a module with a class like :class:`~vic_toolbox.tasks.cup_on_plate.CupOnPlate`, and one line in :data:`TASKS`.
 """
 
 from __future__ import annotations
@@ -25,11 +25,12 @@ if TYPE_CHECKING:
     from vic_toolbox.tasks.cup_on_plate import CupOnPlate, CupOnPlateEnv, CupOnPlateVectorEnv
     from vic_toolbox.tasks.demonstrations import Demonstrations, record
     from vic_toolbox.tasks.environment import Environment
+    from vic_toolbox.tasks.peg_in_hole import PegInHole, PegInHoleEnv, PegInHoleVectorEnv, PegScenario
     from vic_toolbox.tasks.starts import Scenario
     from vic_toolbox.tasks.task import Task
     from vic_toolbox.tasks.vector_environment import VectorEnvironment
 
-TASKS = MappingProxyType({"cup-on-plate": "CupOnPlate"})
+TASKS = MappingProxyType({"cup-on-plate": "CupOnPlate", "peg-in-hole": "PegInHole"})
 """Name of each task → name of its class in this package."""
 
 _HOME = {
@@ -38,6 +39,10 @@ _HOME = {
     "CupOnPlateVectorEnv": "cup_on_plate",
     "Demonstrations": "demonstrations",
     "Environment": "environment",
+    "PegInHole": "peg_in_hole",
+    "PegInHoleEnv": "peg_in_hole",
+    "PegInHoleVectorEnv": "peg_in_hole",
+    "PegScenario": "peg_scene",
     "Scenario": "starts",
     "Task": "task",
     "VectorEnvironment": "vector_environment",
@@ -51,6 +56,10 @@ __all__ = [
     "CupOnPlateVectorEnv",
     "Demonstrations",
     "Environment",
+    "PegInHole",
+    "PegInHoleEnv",
+    "PegInHoleVectorEnv",
+    "PegScenario",
     "Scenario",
     "Task",
     "VectorEnvironment",
@@ -68,7 +77,7 @@ def make(name: str, **options: Any) -> Task:
     name : str
         One of :func:`names`.
     **options
-        Options of the task's class; for Cup-on-Plate ``action``, ``history`` and ``scenario``.
+        Options of the task's class: ``action``, ``history``, ``scenario`` and its own.
 
     Raises
     ------
@@ -109,8 +118,9 @@ if os.environ.get("MUJOCO_GL"):
     _check_opengl(os.environ["MUJOCO_GL"])
 
 
-gymnasium.register(
-    id="vic/CupOnPlate-v0",
-    entry_point="vic_toolbox.tasks.cup_on_plate:CupOnPlateEnv",
-    vector_entry_point="vic_toolbox.tasks.cup_on_plate:CupOnPlateVectorEnv",
-)
+for _class in TASKS.values():
+    gymnasium.register(
+        id=f"vic/{_class}-v0",
+        entry_point=f"vic_toolbox.tasks.{_HOME[_class]}:{_class}Env",
+        vector_entry_point=f"vic_toolbox.tasks.{_HOME[_class]}:{_class}VectorEnv",
+    )

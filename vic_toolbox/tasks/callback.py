@@ -21,19 +21,17 @@ The models it serves are built by :mod:`vic_toolbox.tasks.scene`, and keep this 
 from __future__ import annotations
 
 import ctypes
-import functools
 import math
 import threading
 from types import MappingProxyType
 from typing import Any
 
 import mujoco
-from mujoco.introspect import ast_nodes, structs
 from numba import carray, cfunc, types
-from numba.extending import intrinsic
 
 from vic_toolbox.control.compiled import LAW_FIELDS, LAW_MAGIC, compile_law, law_block_size
 from vic_toolbox.errors import SimulationError
+from vic_toolbox.tasks.mujoco_structs import WORD, check_offsets, pointer, struct_offsets
 
 EXTRA_FIELDS = MappingProxyType({"ticks": 0, "peak_force": 1})
 """Name → place after the law block.
@@ -53,17 +51,6 @@ DATA_FIELDS = (
 MODEL_FIELDS = ("nuserdata", "nsensordata")
 """Sizes of ``mjModel`` that it reads."""
 
-_C_TYPES: dict[str, Any] = {
-    "int": ctypes.c_int,
-    "float": ctypes.c_float,
-    "size_t": ctypes.c_size_t,
-    "uint64_t": ctypes.c_uint64,
-    "uintptr_t": ctypes.c_size_t,
-    "mjtNum": ctypes.c_double,
-    "mjtSize": ctypes.c_int64,
-    "mjtBool": ctypes.c_bool,
-}
-_WORD = 8
 _lock = threading.Lock()
 _installed: dict[int, Any] = {}  # number of joints → callback; each one calls the one installed before it
 
@@ -73,96 +60,11 @@ def userdata_size(nv: int) -> int:
     return law_block_size(nv) + len(EXTRA_FIELDS)
 
 
-def struct_offsets(struct: str, fields: tuple[str, ...]) -> dict[str, int]:
-    """Byte offsets of fields of a MuJoCo C struct, laid out by the C rules from ``mujoco.introspect``.
-
-    Parameters
-    ----------
-    struct : str
-        ``"mjData"`` or ``"mjModel"``.
-    fields : tuple of str
-        Names of its members.
-
-    Raises
-    ------
-    SimulationError
-        This MuJoCo describes the struct with a type or a member that is not known here.
-    """
-    try:
-        layout = _c_type(struct)
-        return {field: getattr(layout, field).offset for field in fields}
-    except (KeyError, AttributeError) as error:
-        raise _unknown_mujoco(f"the description of {struct} has changed: {error}") from error
-
-
-@functools.cache
-def _c_type(name: str) -> Any:
-    """Ctypes counterpart of a C type name; structs are built from their description."""
-    return _C_TYPES[name] if name in _C_TYPES else _c_struct(name, structs.STRUCTS[name].fields)
-
-
-def _c_struct(name: str, fields: Any) -> Any:
-    return type(
-        name, (ctypes.Structure,), {"_fields_": [(field.name, _c_member(field.type)) for field in fields]}
-    )
-
-
-def _c_member(declared: Any) -> Any:
-    if isinstance(declared, ast_nodes.PointerType):
-        return ctypes.c_void_p
-    if isinstance(declared, ast_nodes.ArrayType):
-        return functools.reduce(
-            lambda inner, n: inner * n, reversed(declared.extents), _c_member(declared.inner_type)
-        )
-    if isinstance(declared, ast_nodes.AnonymousStructDecl):
-        return _c_struct("anonymous", declared.fields)
-    return _c_type(declared.name)
-
-
-def check_offsets(data_offsets: dict[str, int], model_offsets: dict[str, int]) -> None:
-    """Compare offsets with a live ``mjData`` and ``mjModel``: each must lead to what Python sees there.
-
-    Raises
-    ------
-    SimulationError
-        An offset does not lead to its field. Nothing may be read through it then.
-    """
-    model = mujoco.MjModel.from_xml_string(_PROBE)
-    data = mujoco.MjData(model)
-    mujoco.mj_forward(model, data)
-    for field, offset in data_offsets.items():
-        found = ctypes.c_uint64.from_address(data._address + offset).value
-        if found != getattr(data, field).__array_interface__["data"][0]:
-            raise _unknown_mujoco(f"mjData.{field} is not at byte {offset}")
-    for field, offset in model_offsets.items():
-        if ctypes.c_int64.from_address(model._address + offset).value != getattr(model, field):
-            raise _unknown_mujoco(f"mjModel.{field} is not at byte {offset}")
-
-
-_PROBE = f"""
+PROBE = f"""
 <mujoco><size nuserdata="{userdata_size(6)}"/>
   <worldbody><body><joint name="hinge"/><geom size=".1"/><site name="tip"/></body></worldbody>
   <actuator><motor joint="hinge"/></actuator><sensor><jointpos joint="hinge"/></sensor>
 </mujoco>"""
-
-
-def _unknown_mujoco(what: str) -> SimulationError:
-    return SimulationError(
-        f"the compiled law does not know the memory layout of MuJoCo {mujoco.__version__} ({what}). "
-        "Install one that it knows: pip install 'mujoco==4.0.*'."
-    )
-
-
-def _float_pointer(typingctx, address):  # type: ignore[no-untyped-def]
-    """A uint64 address as a pointer to float64."""
-
-    def generate(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
-        return builder.inttoptr(arguments[0], context.get_value_type(signature.return_type))
-
-    return types.CPointer(types.float64)(types.uint64), generate
-
-
-_pointer: Any = intrinsic(_float_pointer)
 
 
 def install(nv: int) -> None:
@@ -215,13 +117,13 @@ def _compile(nv: int, *, previous: Any) -> Any:
     """Control callback of arms with ``nv`` joints; other models go to ``previous``."""
     data_offsets = struct_offsets("mjData", DATA_FIELDS)
     model_offsets = struct_offsets("mjModel", MODEL_FIELDS)
-    check_offsets(data_offsets, model_offsets)
+    check_offsets(PROBE, data=data_offsets, model=model_offsets)
     qpos, qvel, ctrl, userdata, sensordata, axis, anchor, position, rotation, bias, mass = (
-        data_offsets[field] // _WORD for field in DATA_FIELDS
+        data_offsets[field] // WORD for field in DATA_FIELDS
     )
-    own_size, sensor_size = (model_offsets[field] // _WORD for field in MODEL_FIELDS)
+    own_size, sensor_size = (model_offsets[field] // WORD for field in MODEL_FIELDS)
     data_words, model_words = (
-        max(offsets.values()) // _WORD + 1 for offsets in (data_offsets, model_offsets)
+        max(offsets.values()) // WORD + 1 for offsets in (data_offsets, model_offsets)
     )
     size = userdata_size(nv)
     magic = LAW_FIELDS["magic"].start
@@ -232,25 +134,25 @@ def _compile(nv: int, *, previous: Any) -> Any:
     @cfunc(types.void(types.CPointer(types.uint64), types.CPointer(types.uint64)), error_model="numpy")
     def control(model, data):  # type: ignore[no-untyped-def]
         word, sizes = carray(data, (data_words,)), carray(model, (model_words,))
-        block = carray(_pointer(word[userdata]), (size,))
+        block = carray(pointer(word[userdata]), (size,))
         if sizes[own_size] != size or block[magic] != magic_number:
             if other is not None:
                 other(model, data)
             return
         law(
             block,
-            carray(_pointer(word[qpos]), (nv,)),
-            carray(_pointer(word[qvel]), (nv,)),
-            carray(_pointer(word[axis]), (nv, 3)),
-            carray(_pointer(word[anchor]), (nv, 3)),
-            carray(_pointer(word[position]), (3,)),
-            carray(_pointer(word[rotation]), (9,)),
-            carray(_pointer(word[bias]), (nv,)),
-            carray(_pointer(word[mass]), (packed,)),
-            carray(_pointer(word[ctrl]), (nv,)),
+            carray(pointer(word[qpos]), (nv,)),
+            carray(pointer(word[qvel]), (nv,)),
+            carray(pointer(word[axis]), (nv, 3)),
+            carray(pointer(word[anchor]), (nv, 3)),
+            carray(pointer(word[position]), (3,)),
+            carray(pointer(word[rotation]), (9,)),
+            carray(pointer(word[bias]), (nv,)),
+            carray(pointer(word[mass]), (packed,)),
+            carray(pointer(word[ctrl]), (nv,)),
         )
         if block[ticks] > 0.0 and sizes[sensor_size] >= 4:
-            sensor = carray(_pointer(word[sensordata]), (4,))
+            sensor = carray(pointer(word[sensordata]), (4,))
             force = math.sqrt(sensor[1] * sensor[1] + sensor[2] * sensor[2] + sensor[3] * sensor[3])
             if force > block[peak]:
                 block[peak] = force

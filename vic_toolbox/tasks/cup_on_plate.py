@@ -25,6 +25,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import Any
 
 import mujoco
@@ -32,9 +33,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike
 
-from vic_toolbox.control.experts import ConstantGains, ThreePhaseExpert
+from vic_toolbox.control.experts import ThreePhaseExpert
 from vic_toolbox.errors import Array, InputError, integer, one_of
-from vic_toolbox.gains import DampingFactor
+from vic_toolbox.gains import DampingFactor, Parametrisation
 from vic_toolbox.tasks import rendering
 from vic_toolbox.tasks.cup_scene import (
     CUP,
@@ -42,6 +43,7 @@ from vic_toolbox.tasks.cup_scene import (
     PLATE,
     PLATE_RADIUS,
     PLATE_TOP,
+    SCENARIO_HELP,
     SCENARIOS,
     TOOL_DOWN,
     TOOL_DOWN_QUAT_WXYZ,
@@ -54,6 +56,7 @@ from vic_toolbox.tasks.cup_scene import (
 from vic_toolbox.tasks.environment import Environment
 from vic_toolbox.tasks.simulation import ArmSimulation
 from vic_toolbox.tasks.starts import Scenario
+from vic_toolbox.tasks.task import SweepAxis
 from vic_toolbox.tasks.vector_environment import VectorEnvironment
 
 __all__ = [
@@ -77,6 +80,15 @@ GAINS = DampingFactor(
     rotational_damping=ROTATIONAL_DAMPING,
 )
 """Range of the gain action."""
+
+CONSTANTS: Mapping[str, np.ndarray] = MappingProxyType({"constant": (GAINS.minimum + GAINS.maximum) / 2.0})
+"""Constant-gain baseline: the middle of the range."""
+
+START_NOISE = 0.02
+"""Usual variation of the start: standard deviation of every joint angle [rad]."""
+
+SKELETON = ("base_link", *(f"link_{i}" for i in range(1, 7)), "gripper", "cup_bottom")
+"""Frames between which the arm is drawn as a line."""
 
 WRENCH_UNIT = np.repeat([5.0, 0.1], 3)
 """Wrench that a force action of 1 stands for [N, Nm]."""
@@ -106,7 +118,7 @@ class CupOnPlate:
     history : int
         Number of last observations that the policy sees, oldest first; the first one fills it at the start.
     scenario : str, Scenario or (x, y, z)
-        Where episodes start unless a reset says otherwise [m]; see
+        Where episodes start unless a reset says otherwise: a name, "x,y,z" or a point [m]; see
         :func:`vic_toolbox.tasks.cup_scene.start_angles` for what is checked.
 
     Attributes
@@ -130,10 +142,18 @@ class CupOnPlate:
     """
 
     name = "cup-on-plate"
+    title = "Cup-on-Plate"
     horizon: int = 500
     dt: float = 0.01
     substeps: int = 10
     scenarios: Mapping[str, Scenario] = SCENARIOS
+    scenario_help = SCENARIO_HELP
+    sweeps: Mapping[str, SweepAxis] = MappingProxyType({})
+    gains: Parametrisation = GAINS
+    constants: Mapping[str, np.ndarray] = CONSTANTS
+    push: float = 5.0
+    outcome_text: tuple[str, str] = ("the cup stands", "the cup does not stand")
+    as_scenario = staticmethod(as_scenario)
 
     def __init__(self, *, action: str = "gain", history: int = 1, scenario: Any = "train") -> None:
         self.action = one_of("action", action, ("gain", "force"))
@@ -144,6 +164,7 @@ class CupOnPlate:
         self.action_size, bound = (GAINS.size, 1.0) if action == "gain" else (6, LARGEST_FORCE_ACTION)
         self.action_high = np.full(self.action_size, bound)
         self.action_low = -self.action_high
+        self.goal = np.array(GOAL)
         self.expert = ThreePhaseExpert(parametrisation=GAINS, far=FAR, near=NEAR)
         self._middle, self._half = (GAINS.maximum + GAINS.minimum) / 2, (GAINS.maximum - GAINS.minimum) / 2
         start_angles(self.scenario.start)
@@ -159,10 +180,10 @@ class CupOnPlate:
     def start(
         self, simulation: ArmSimulation, scenarios: Sequence[Any], *, noise: float, rng: np.random.Generator
     ) -> None:
-        """Put simulation i at rest at ``scenarios[i]``, every joint angle off by N(0, noise²) [rad]."""
+        """Put simulation i at rest at ``scenarios[i]``, every joint angle off by N(0, (0.02 rad · noise)²)."""
         starts = [as_scenario(scenario).start for scenario in scenarios]
         qpos = np.array([start_angles(start) for start in starts])
-        qpos += noise * rng.standard_normal(qpos.shape)
+        qpos += START_NOISE * noise * rng.standard_normal(qpos.shape)
         simulation.reset(qpos, position=GOAL, quat_wxyz=TOOL_DOWN_QUAT_WXYZ)
         simulation.damping[:, 3:] = ROTATIONAL_DAMPING
 
@@ -176,6 +197,11 @@ class CupOnPlate:
     def picture_spec(self) -> mujoco.MjSpec:
         """The scene with everything that the eye wants, for :mod:`vic_toolbox.tasks.rendering`."""
         return rendering.decorate(build_spec(), table="table")
+
+    def skeleton(self, qpos: ArrayLike) -> Array:
+        """Joints of the arm from its base to the cup, (..., 9, 3) [m], at joint angles (..., 6) [rad]."""
+        arm, angles = robot(), np.asarray(qpos, dtype=np.float64)
+        return np.stack([arm.pose(angles, frame=frame)[..., :3, 3] for frame in SKELETON], axis=-2)
 
     def reward(self, observations: ArrayLike) -> Array:
         r"""Reward of a policy step that begins at the observations (..., 12 h), shape (...).
@@ -235,20 +261,20 @@ class CupOnPlate:
         """Action of the three-phase expert, (..., action_size), for observations (..., 12 h)."""
         return self.gains_to_action(self.expert.parameters(observations), observations)
 
-    def constant_action(self, observations: ArrayLike | None = None) -> Array:
-        """Action of constant gains, the middle of the range.
+    def constant_action(self, observations: ArrayLike | None = None, *, which: str = "constant") -> Array:
+        """Action of one of the constant gains of :data:`CONSTANTS`.
 
         Without observations (gain space only) one action, (action_size,); with them (..., 12 h) one for each.
         """
+        parameters = CONSTANTS[one_of("constant gain", which, CONSTANTS)]
         if observations is None:
             if self.action == "force":
                 raise InputError(
                     "a constant gain gives another wrench at each observation; pass the observations."
                 )
-            return np.zeros(self.action_size)
-        return self.gains_to_action(
-            ConstantGains(parametrisation=GAINS).parameters(observations), observations
-        )
+            return GAINS.parameters_to_action(parameters)
+        many = np.broadcast_to(parameters, (*np.shape(observations)[:-1], GAINS.size))
+        return self.gains_to_action(many, observations)
 
     def gains_to_action(self, parameters: Array, observations: ArrayLike) -> Array:
         """Action with the effect of gain parameters (..., 7) at the observations (..., 12 h).
@@ -305,7 +331,7 @@ class CupOnPlateEnv(Environment):
         action: str = "gain",
         history: int = 1,
         scenario: Any = "train",
-        start_noise: float = 0.02,
+        start_noise: float = 1.0,
         render_mode: str | None = None,
     ) -> None:
         task = CupOnPlate(action=action, history=history, scenario=scenario)
@@ -322,7 +348,7 @@ class CupOnPlateVectorEnv(VectorEnvironment):
         action: str = "gain",
         history: int = 1,
         scenario: Any = "train",
-        start_noise: float = 0.02,
+        start_noise: float = 1.0,
         threads: int = 1,
         render_mode: str | None = None,
     ) -> None:

@@ -12,7 +12,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from vic_toolbox.errors import Array, InputError, finite_array, one_of
+from vic_toolbox.errors import Array, InputError, finite_array
 from vic_toolbox.models import RobotModel, load_robot
 from vic_toolbox.tasks import scene
 from vic_toolbox.tasks.starts import Scenario, start_posture
@@ -48,9 +48,13 @@ SCENARIOS = MappingProxyType({
 })  # fmt: skip
 """The training start, and the four unseen ones."""
 
+SCENARIO_HELP = 'a start "x,y,z" [m]'
+
 
 def as_scenario(scenario: Any) -> Scenario:
-    """A scenario from its name or from a point (x, y, z) [m]; a scenario stays as it is.
+    """A scenario from its name, from "x,y,z" or a point (x, y, z) [m], or from a scenario.
+
+    Its name can be read back: a start that is none of :data:`SCENARIOS` is called by its coordinates.
 
     Raises
     ------
@@ -58,11 +62,25 @@ def as_scenario(scenario: Any) -> Scenario:
         Unknown name, or not a point.
     """
     if isinstance(scenario, Scenario):
-        return scenario
+        known = SCENARIOS.get(scenario.name) == scenario
+        return scenario if known else Scenario(scenario.start)
     if isinstance(scenario, str):
-        return SCENARIOS[one_of("scenario", scenario, SCENARIOS)]
+        if scenario in SCENARIOS:
+            return SCENARIOS[scenario]
+        scenario = _coordinates(scenario)
     x, y, z = finite_array("scenario", scenario, shape=(3,)).tolist()
     return Scenario((x, y, z))
+
+
+def _coordinates(text: str) -> list[float]:
+    """The numbers of "x,y,z"."""
+    words = text.split(",")
+    try:
+        if len(words) == 3:
+            return [float(word) for word in words]
+    except ValueError:
+        pass
+    raise InputError(f'scenario is "{text}"; choose one of: {", ".join(SCENARIOS)}, or pass {SCENARIO_HELP}.')
 
 
 @functools.cache

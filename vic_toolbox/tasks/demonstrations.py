@@ -1,7 +1,7 @@
 """Expert demonstrations: recorded with small random pushes, saved and loaded as one file.
 
 An expert without noise visits one thin path, and near its end the wrench is almost zero: nothing tells a
-force policy how to come back to it. So somebody pushes the cup a little while the expert works. The motion is
+force policy how to come back to it. So somebody pushes a little while the expert works. The motion is
 recorded once, with the expert setting gains, and labelled in the action space that is asked for: every method
 learns from the same motions.
 """
@@ -25,7 +25,7 @@ from vic_toolbox.tasks.vector_environment import VectorEnvironment
 PUSH_MEMORY = 0.1
 """Correlation time of the pushes [s]."""
 
-_FORMAT = 1
+_FORMAT = 2
 
 
 @dataclass(frozen=True)
@@ -41,13 +41,13 @@ class Demonstrations:
     scores : ndarray, shape (n,)
         The task's score of each.
     task, action, scenario : str
-        Names of the task, the action space and the start.
+        Names of the task, the action space and the scenario.
     history : int
         Observations that one row holds.
     push : float
         Standard deviation of the pushing force along each axis [N].
     start_noise : float
-        Standard deviation of the joint angles at the start [rad].
+        Variation of the starts, in units of the task's usual one.
     seed : int
     """
 
@@ -139,8 +139,8 @@ def record(
     count: int = 50,
     *,
     seed: int = 0,
-    push: float = 5.0,
-    start_noise: float = 0.02,
+    push: float | None = None,
+    start_noise: float = 1.0,
     threads: int = 1,
 ) -> Demonstrations:
     """Let the expert do the task ``count`` times from the task's own scenario.
@@ -148,22 +148,21 @@ def record(
     Parameters
     ----------
     task : Task
-        Task and action space; the expert always moves the arm by setting gains, whichever space labels the
-        actions.
+        Task and action space; the expert always moves by setting gains, whichever space labels the actions.
     count : int
         Number of trajectories.
     seed : int
         Draws starts and pushes.
-    push : float
+    push : float, optional
         Standard deviation of the pushing force along each axis [N], an Ornstein-Uhlenbeck process with a
-        memory of 0.1 s; 0 does not push.
+        memory of 0.1 s; by default the task's own, 0 does not push.
     start_noise : float
-        Standard deviation of the joint angles at the start [rad].
+        Variation of the starts, in units of the task's usual one.
     threads : int
         Threads of the physics; the numbers do not depend on it.
     """
     count = integer("count", count, low=1)
-    push = finite_number("push", push, low=0.0)
+    push = finite_number("push", task.push if push is None else push, low=0.0)
     seed = integer("seed", seed, low=0)
     guide = task.with_action("gain")
     environment = VectorEnvironment(guide, count, start_noise=start_noise, threads=threads)

@@ -22,14 +22,15 @@ class Environment(gymnasium.Env):
     task : Task
         What is simulated.
     start_noise : float
-        Standard deviation of the normal noise on every joint angle at the start [rad].
+        Variation of the starts: 1 is the task's usual one, 0 none at all.
     render_mode : {"rgb_array", "human"}, optional
         ``rgb_array``: :meth:`render` returns a picture. ``human``: a window shows every step.
     """
 
-    metadata: ClassVar = {"render_modes": ["rgb_array", "human"], "render_fps": 100}
+    metadata: ClassVar = {"render_modes": ["rgb_array", "human"]}
 
-    def __init__(self, task: Task, *, start_noise: float = 0.0, render_mode: str | None = None) -> None:
+    def __init__(self, task: Task, *, start_noise: float = 1.0, render_mode: str | None = None) -> None:
+        self.metadata = type(self).metadata | {"render_fps": round(1.0 / task.dt)}
         if render_mode is not None:
             one_of("render_mode", render_mode, self.metadata["render_modes"])
         self.render_mode = render_mode
@@ -44,7 +45,7 @@ class Environment(gymnasium.Env):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict]:
-        """Start an episode; ``options``, for it alone, may have ``start_noise`` [rad] and ``scenario``."""
+        """Start an episode; ``options``, for it alone, may have ``start_noise`` and ``scenario``."""
         super().reset(seed=seed)
         options = dict(options or {})
         if "scenario" in options:

@@ -28,7 +28,7 @@ class Scenario:
     start : tuple of float
         Position of the end-effector, tool down [m].
     name : str
-        What tables and files call it; without one, its coordinates.
+        What tables and files call it; without one, its coordinates "x,y,z" [m] to a micrometre.
     """
 
     start: tuple[float, float, float]
@@ -38,7 +38,17 @@ class Scenario:
         start = finite_array("start", self.start, shape=(3,))
         object.__setattr__(self, "start", tuple(start.tolist()))
         if not self.name:
-            object.__setattr__(self, "name", ",".join(f"{x:.3f}" for x in start))
+            object.__setattr__(self, "name", ",".join(_number(x) for x in self.start))
+
+    @property
+    def description(self) -> str:
+        """Where it is, for people."""
+        return ", ".join(f"{x:.2f}" for x in self.start).replace("-", "−") + " m"
+
+
+def _number(x: float) -> str:
+    """To a micrometre, without trailing zeros."""
+    return f"{round(x, 6) + 0.0:.6f}".rstrip("0").rstrip(".")  # + 0.0: minus nothing is nothing
 
 
 def start_posture(robot: RobotModel, position: Array, *, rotation: Array, like: Array) -> Array:

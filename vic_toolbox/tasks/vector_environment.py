@@ -14,8 +14,8 @@ from vic_toolbox.errors import InputError, finite_array, finite_number, integer,
 from vic_toolbox.tasks.rendering import Renderer
 from vic_toolbox.tasks.task import Task
 
-MOST_NOISE = 0.2
-"""Largest start noise [rad]; beyond it the cup could start inside the table."""
+MOST_NOISE = 10.0
+"""Largest start noise, in units of the task's usual variation; beyond it a start may be no start any more."""
 
 
 class VectorEnvironment(VectorEnv):
@@ -32,7 +32,7 @@ class VectorEnvironment(VectorEnv):
     num_envs : int
         Number of simulations.
     start_noise : float
-        Standard deviation of the normal noise on every joint angle at the start [rad].
+        Variation of the starts: 1 is the task's usual one, 0 none at all.
     threads : int
         Threads of the physics; 0 takes every processor. The numbers do not depend on it.
     render_mode : {"rgb_array"}, optional
@@ -41,7 +41,6 @@ class VectorEnvironment(VectorEnv):
 
     metadata: ClassVar = {
         "render_modes": ["rgb_array"],
-        "render_fps": 100,
         "autoreset_mode": AutoresetMode.NEXT_STEP,
     }
 
@@ -50,11 +49,12 @@ class VectorEnvironment(VectorEnv):
         task: Task,
         num_envs: int = 1,
         *,
-        start_noise: float = 0.0,
+        start_noise: float = 1.0,
         threads: int = 1,
         render_mode: str | None = None,
     ) -> None:
         self.task = task
+        self.metadata = type(self).metadata | {"render_fps": round(1.0 / task.dt)}
         self.num_envs = integer("num_envs", num_envs, low=1)
         self.start_noise = finite_number("start_noise", start_noise, low=0.0, high=MOST_NOISE)
         if render_mode is not None:
@@ -81,7 +81,7 @@ class VectorEnvironment(VectorEnv):
         seed : int, optional
             Draws the start noise; the same seed gives the same numbers.
         options : dict, optional
-            ``start_noise`` [rad] and ``scenarios`` (one for each simulation), for this episode only.
+            ``start_noise`` and ``scenarios`` (one for each simulation), for this episode only.
         """
         super().reset(seed=None if seed is None else integer("seed", seed, low=0))
         options = {} if options is None else options
@@ -132,7 +132,7 @@ class VectorEnvironment(VectorEnv):
         return newest.copy(), reward, self._never.copy(), np.full(self.num_envs, over), info
 
     def set_push(self, force: np.ndarray) -> None:
-        """Push what the arm holds by (num_envs, 3) [N], world axes, until the next call or reset."""
+        """Push what is moved by (num_envs, 3) [N], world axes, until the next call or reset."""
         self.simulation.set_push(finite_array("force", force, shape=(self.num_envs, 3)))
 
     def expert_action(self, observations: np.ndarray) -> np.ndarray:

@@ -1,16 +1,12 @@
-"""What the arm did: gains, forces and paths over one episode, each method beside the expert."""
+"""What a policy sets over one episode, gains or the wrench itself: each method beside the expert."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patheffects import withStroke
-from matplotlib.ticker import MultipleLocator
-from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 from vic_toolbox.experiments.figures import style
 from vic_toolbox.experiments.trace import Trace
@@ -25,8 +21,17 @@ def has_gains(traces: Traces) -> bool:
     return any(trace.stiffness.any() for trace in traces.values())
 
 
-def gains_over_time(traces: Traces) -> Figure:
-    """Stiffness of each axis, damping factor and distance to the goal, over time."""
+def gains_over_time(traces: Traces, *, zones: Sequence[float] = ()) -> Figure:
+    """Stiffness of each axis, damping factor (or speed, where the damping is fixed) and distance to the goal.
+
+    Parameters
+    ----------
+    traces : dict of Trace
+        Episodes by look.
+    zones : sequence of float
+        Distances at which the expert changes over, drawn as lines [m].
+    """
+    factors = any("d" in trace.task.gains.names for trace in traces.values())
     with style.figure(9.0, 4.6) as drawing:
         grid = drawing.subplots(2, 4, sharex=True)
         for i, axis in enumerate(_AXES):
@@ -35,146 +40,58 @@ def gains_over_time(traces: Traces) -> Figure:
                 style.line(grid[1, i], trace.time, trace.stiffness[:, 3 + i], name)
             grid[0, i].set_title(f"stiffness along {axis}  [N/m]")
             grid[1, i].set_title(f"stiffness about {axis}  [Nm/rad]")
-        for name, trace in traces.items():
-            style.line(grid[0, 3], trace.time, trace.damping_factor, name)
-            style.line(grid[1, 3], trace.time, trace.distance, name)
-        grid[0, 3].set_title("damping factor d  [√kg]")
-        grid[1, 3].set_title("distance to the goal  [m]")
-        _zones(grid[1, 3])
-        _finish(drawing, grid)
-        factors = np.concatenate([trace.damping_factor for trace in traces.values()])
-        grid[0, 3].set_ylim(factors.min() - 0.4, factors.max() + 0.4)
+        if factors:
+            for name, trace in traces.items():
+                style.line(grid[0, 3], trace.time, trace.damping_factor, name)
+            grid[0, 3].set_title("damping factor d  [√kg]")
+        else:
+            _speed(grid[0, 3], traces)
+        _distance(grid[1, 3], traces, zones)
+        finish(drawing, grid)
+        if factors:
+            values = np.concatenate([trace.damping_factor for trace in traces.values()])
+            grid[0, 3].set_ylim(values.min() - 0.4, values.max() + 0.4)
     return drawing
 
 
-def wrench_over_time(traces: Traces) -> Figure:
-    """Feedback wrench, distance to the goal and speed, over time."""
+def wrench_over_time(traces: Traces, *, zones: Sequence[float] = ()) -> Figure:
+    """Feedback wrench, distance to the goal and speed, over time; see :func:`gains_over_time`."""
     with style.figure(9.0, 4.6) as drawing:
         grid = drawing.subplots(2, 4, sharex=True)
         for name, trace in traces.items():
             for i in range(6):
                 style.line(grid[i // 3, i % 3], trace.time, trace.feedback[:, i], name)
-            style.line(grid[0, 3], trace.time, trace.distance, name)
-            style.line(grid[1, 3], trace.time, trace.speed, name)
         for i, axis in enumerate(_AXES):
             grid[0, i].set_title(f"force along {axis}  [N]")
             grid[1, i].set_title(f"torque about {axis}  [Nm]")
-        grid[0, 3].set_title("distance to the goal  [m]")
-        grid[1, 3].set_title("speed  [m/s]")
-        _zones(grid[0, 3])
-        _finish(drawing, grid)
+        _distance(grid[0, 3], traces, zones)
+        _speed(grid[1, 3], traces)
+        finish(drawing, grid)
     return drawing
 
 
-def forces_over_time(traces: Traces) -> Figure:
-    """Force that drives the arm, speed, and force on the object once it touches."""
-    with style.figure(9.0, 2.7) as drawing:
-        driving, speed, contact = drawing.subplots(1, 3)
-        for name, trace in traces.items():
-            style.line(driving, trace.time, np.linalg.norm(trace.feedback[:, :3], axis=1), name)
-            style.line(speed, trace.time, trace.speed, name)
-            style.line(contact, trace.time, _smoothed(trace.contact), name)
-        driving.set_title("feedback force ‖F_fb‖  [N]")
-        speed.set_title("speed of the cup  [m/s]")
-        contact.set_title("contact force, mean over 0.1 s  [N]")
-        _finish(drawing, np.array([[driving, speed, contact]]))
-        first_touch = min(trace.time[trace.contact > 0.0].min(initial=np.inf) for trace in traces.values())
-        if np.isfinite(first_touch):
-            contact.set_xlim(left=max(0.0, first_touch - 0.3))
-    return drawing
+def _distance(axes: Axes, traces: Traces, zones: Sequence[float]) -> None:
+    factor, unit = _unit(traces)
+    for name, trace in traces.items():
+        style.line(axes, trace.time, factor * trace.distance, name)
+    for level in zones:
+        axes.axhline(factor * level, color=style.QUIET, lw=0.8, ls=":")
+    axes.set_title(f"distance to go  [{unit}]")
 
 
-def _smoothed(force: np.ndarray, samples: int = 10) -> np.ndarray:
-    """Mean over the last samples: a rigid cup on a rigid plate makes the raw force chatter."""
-    return np.convolve(force, np.full(samples, 1.0 / samples))[: len(force)]
+def _speed(axes: Axes, traces: Traces) -> None:
+    factor, unit = _unit(traces)
+    for name, trace in traces.items():
+        style.line(axes, trace.time, factor * trace.speed, name)
+    axes.set_title(f"speed  [{unit}/s]")
 
 
-def paths(scenes: Mapping[str, Traces], *, plate_radius: float) -> Figure:
-    """Paths in space around the robot's base, and how far each method leaves the expert's path.
-
-    Parameters
-    ----------
-    scenes : Mapping[str, Traces]
-        Traces by scenario and look; every scenario has an "expert".
-    plate_radius : float
-        Radius of the disc under the goal [m].
-    """
-    with style.figure(9.0, 4.4) as drawing:
-        left, right = drawing.subfigures(1, 2, width_ratios=(1.5, 1.0), squeeze=False)[0]
-        axes = left.add_subplot(projection="3d")
-        draw_paths(axes, scenes, plate_radius=plate_radius)
-        grid = right.subplots(len(scenes), 1, squeeze=False, sharex=True)[:, 0]
-        for panel, (scenario, traces) in zip(grid, scenes.items(), strict=True):
-            for name, trace in traces.items():
-                if name != "expert":
-                    deviation = np.linalg.norm(trace.path - traces["expert"].path, axis=1)
-                    style.line(panel, trace.time, 1e3 * deviation, name)
-            panel.set(title=f"{scenario}, off the expert's path  [mm]", xlim=(0, trace.time[-1]))
-            panel.set_ylim(bottom=0)
-        grid[-1].set_xlabel("time  [s]")
-        style.shared_legend(drawing, axes)
-    return drawing
+def _unit(traces: Traces) -> tuple[float, str]:
+    return style.length_unit(max(float(trace.distance.max()) for trace in traces.values()))
 
 
-def draw_paths(axes: Any, scenes: Mapping[str, Traces], *, plate_radius: float) -> None:
-    """Draw paths, their shadows on the table, the plate and the robot's base into 3-D axes, to scale."""
-    all_traces = [trace for traces in scenes.values() for trace in traces.values()]
-    goal = all_traces[0].goal
-    for scenario, traces in scenes.items():
-        for name, trace in traces.items():
-            x, y, z = trace.path.T
-            style.line(axes, x, y, name, zs=z)
-            axes.plot(x, y, 0.0, color=style.QUIET, lw=0.6, alpha=0.25)
-        start = next(iter(traces.values())).path[0]
-        axes.plot(start[[0, 0]], start[[1, 1]], [0.0, start[2]], color=style.QUIET, lw=0.6, ls=":")
-        axes.scatter(*start, color=style.INK, s=16, depthshade=False, zorder=6)
-        axes.text(
-            *(start - np.array([0.0, 0.0, 0.04])),
-            scenario,
-            fontsize=8.5,
-            ha="center",
-            va="top",
-            weight="bold",
-            path_effects=[withStroke(linewidth=3.0, foreground="white")],
-            zorder=7,
-        )
-    _disc(axes, goal[:2], plate_radius, "#dfe6ee", "")
-    _disc(axes, np.zeros(2), 0.095, "#f5dd90", "robot")
-    rims = [[-0.1, -0.1, 0.0], *(goal + plate_radius * np.array([[-1, -1, 0], [1, 1, 0]]))]
-    points = np.concatenate([trace.path for trace in all_traces] + [np.array(rims)])
-    low, high = (
-        points.min(axis=0) - np.array([0.0, 0.05, 0.0]),
-        points.max(axis=0) + np.array([0.05, 0.1, 0.06]),
-    )
-    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(0.0, high[2]))
-    axes.set_box_aspect(high - [low[0], low[1], 0.0], zoom=1.22)
-    axes.view_init(elev=26, azim=-32)
-    axes.tick_params(labelsize=7, pad=-2)
-    axes.set_xlabel("x  [m]", labelpad=-4)
-    axes.set_ylabel("y  [m]", labelpad=-2)
-    axes.set_zlabel("z  [m]", labelpad=-6)
-    for direction in (axes.xaxis, axes.yaxis, axes.zaxis):
-        direction.set_major_locator(MultipleLocator(0.2))
-        direction.set_pane_color((1, 1, 1, 0))
-        direction.line.set_color(style.GRID)
-
-
-def _disc(axes: Any, centre: np.ndarray, radius: float, colour: str, label: str) -> None:
-    angle = np.linspace(0.0, 2.0 * np.pi, 60)
-    rim = np.stack(
-        [centre[0] + radius * np.cos(angle), centre[1] + radius * np.sin(angle), 0.0 * angle], axis=1
-    )
-    axes.add_collection3d(Poly3DCollection([rim], facecolor=colour, edgecolor=style.QUIET, lw=0.6, alpha=0.8))
-    axes.text(*centre, 0.0, label, fontsize=7.5, color=style.QUIET, ha="center", va="center")
-
-
-def _zones(axes: Axes) -> None:
-    """The three phases of the expert by distance: accelerate, switch, reach."""
-    for level in (0.2, 0.4):
-        axes.axhline(level, color=style.QUIET, lw=0.8, ls=":")
-
-
-def _finish(drawing: Figure, grid: np.ndarray) -> None:
+def finish(drawing: Figure, grid: np.ndarray) -> None:
+    """Label time below the last row, let the axes of what is never negative begin at zero, add the legend."""
     for axes in grid[-1]:
         axes.set_xlabel("time  [s]")
     for axes in grid.flat:

@@ -18,21 +18,20 @@ _PALE_IS_BEST = LinearSegmentedColormap.from_list(
 
 @dataclass(frozen=True)
 class RewardSlice:
-    """The reward over one quantity of the action, at the states of the expert's path; the rest of the action
-    is his.
+    """The reward along a line of actions, at the states of the expert's path.
 
     Attributes
     ----------
     name : str
-        The quantity with its unit.
+        What changes along the line, with its unit.
     value : ndarray, shape (m,)
-        Its values on a grid.
+        Places along it.
     distance : ndarray, shape (n,)
         Distance to the goal at each state [m].
     reward : ndarray, shape (n, m)
         Reward of each value at each state.
     chosen : dict of ndarray, shape (n,)
-        What each policy chose, by look.
+        The place that is nearest to what each policy chose, by look.
     """
 
     name: str
@@ -50,10 +49,12 @@ def reward_landscape(slices: list[RewardSlice]) -> Figure:
     with style.figure(9.0, 3.1) as drawing:
         grid = np.atleast_1d(drawing.subplots(1, len(slices)))
         for axes, part in zip(grid, slices, strict=True):
+            factor, unit = style.length_unit(float(part.distance.max()))
+            distance = factor * part.distance
             below = part.reward - part.reward.max(axis=1, keepdims=True)
             depth = max(float(np.quantile(-below, 0.9)), 1e-6)
             image = axes.pcolormesh(
-                part.distance,
+                distance,
                 part.value,
                 below.T,
                 cmap=_PALE_IS_BEST,
@@ -66,11 +67,11 @@ def reward_landscape(slices: list[RewardSlice]) -> Figure:
                 over = (
                     {"color": style.INK, "lw": 1.6, "dashes": (3, 2), "zorder": 6} if name == "expert" else {}
                 )
-                style.line(axes, part.distance, chosen, name, **over)
-            axes.set(title=part.name, xlabel="distance to the goal  [m]")
+                style.line(axes, distance, chosen, name, **over)
+            axes.set(title=part.name, xlabel=f"distance to the goal  [{unit}]")
             margin = 0.02 * (part.value[-1] - part.value[0])
             axes.set_ylim(part.value[0] - margin, part.value[-1] + margin)
-            axes.set_xlim(part.distance.max(), part.distance.min())
+            axes.set_xlim(distance.max(), distance.min())
             axes.grid(visible=False)
             drawing.colorbar(image, ax=axes, label="reward below the best", pad=0.02).outline.set_visible(
                 False

@@ -43,8 +43,10 @@ _LOOKS = {  # the expert is a broad pale band: what lies on it agrees with the e
     "random": Look("random reward", "#cc79a7", (2, 1)),
     "bc": Look("cloning (BC)", "#d55e00", (3, 1), order=5),
     "constant": Look("constant gain", "#009e73", width=1.2),
+    "middle": Look("constant, mid-range", "#e69f00", (6, 1.5), width=1.2),
+    "matched": Look("constant, matched", "#7b5ea7", (1.5, 1), width=1.4),
 }
-_SPARE = ("#e69f00", "#7b5ea7", "#a05a2c", "#44546a")
+_SPARE = ("#a05a2c", "#44546a", "#999933", "#882255")
 
 
 def look(name: str) -> Look:
@@ -104,6 +106,11 @@ def line(axes: Axes, x, y, name: str, *, zs=None, **extra) -> None:
     if chosen.dashes:
         drawn_as["dashes"] = chosen.dashes
     axes.plot(x, y, *([] if zs is None else [zs]), solid_capstyle="butt", **drawn_as)
+
+
+def length_unit(largest: float) -> tuple[float, str]:
+    """Factor and name of the unit for lengths up to the largest one [m]: metres, or millimetres below 0.1 m."""
+    return (1.0, "m") if largest >= 0.1 else (1e3, "mm")
 
 
 def shared_legend(drawing: Figure, axes: Axes) -> Legend:

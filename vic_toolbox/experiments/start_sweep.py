@@ -1,4 +1,4 @@
-"""How far a skill carries: policies judged from starts at many distances and bearings around the goal."""
+"""How far a Cup-on-Plate skill carries: policies judged from starts at many distances and bearings around the goal."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 
 from vic_toolbox.errors import InputError, finite_number, integer
-from vic_toolbox.experiments.evaluation import START_SEED, Policy, run_episodes
+from vic_toolbox.experiments.evaluation import START_NOISE, START_SEED, Policy, baselines, run_episodes
 from vic_toolbox.experiments.figures import style
-from vic_toolbox.experiments.figures.sweep import sweep_maps
+from vic_toolbox.experiments.figures.start_sweep import sweep_maps
 from vic_toolbox.experiments.progress import Progress
-from vic_toolbox.experiments.skill import Skill
+from vic_toolbox.experiments.skill import Skill, side_by_side
 from vic_toolbox.files import write_atomically, write_json
 from vic_toolbox.tasks import Task
 from vic_toolbox.tasks.cup_scene import GOAL, start_angles
@@ -147,7 +147,7 @@ def sweep_starts(
     Parameters
     ----------
     task : Task
-        Task of the policies; its own scenario does not matter.
+        Cup-on-Plate, as the policies know it; its own scenario does not matter.
     policies : dict of Policy
         What to judge, by look.
     grid : StartGrid, optional
@@ -180,7 +180,7 @@ def sweep_starts(
             "none of the grid's starts can be reached; bring them nearer or change the elevation."
         )
     scenarios = [tuple(start) for start in starts for _ in range(episodes)]
-    noise = 0.0 if episodes == 1 else 0.02
+    noise = 0.0 if episodes == 1 else START_NOISE
     contestants = {"expert": Policy.expert(task)} | dict(policies)
     progress.stage("sweep", len(contestants))
     run = partial(
@@ -204,25 +204,13 @@ def sweep_starts(
 def sweep_runs(skills: Sequence[Skill], **options: Any) -> Sweep:
     """Sweep the policies of several runs and the constant gain; see :func:`sweep_starts` for the options.
 
-    A run is drawn under its method's look; of two of a kind the later ones go by the names of their folders.
-
     Raises
     ------
     InputError
         The runs are not of the same task.
     """
-    policies: dict[str, Policy] = {}
-    task = skills[0].task("train")
-    for skill in skills:
-        other = skill.task("train")
-        if (other.name, other.action, other.history) != (task.name, task.action, task.history):
-            raise InputError(
-                f"{skill.folder.path} is of {other.name}, action {other.action}, history {other.history}; "
-                f"the first run is of {task.name}, action {task.action}, history {task.history}. Sweep each alone."
-            )
-        name = skill.look if skill.look not in policies else skill.folder.path.name
-        policies[name] = skill.judged
-    return sweep_starts(task, policies | {"constant": Policy.constant(task)}, **options)
+    task, policies = side_by_side(skills)
+    return sweep_starts(task, policies | baselines(task), **options)
 
 
 def _can_start(start: np.ndarray) -> bool:
