@@ -6,6 +6,8 @@ around the best, and their distance to the block's outline as a polygon in the h
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 from scipy import optimize
 
@@ -29,11 +31,13 @@ def block_distance(points: Array, hole: tuple[float, float, float, float]) -> Ar
     mouth = [(FAR, 0.0), (radius + chamfer, 0.0), (radius, -chamfer), (radius, -depth)]
     outline = np.array([*mouth, (0.0 if closed else FAR, -depth)])
     distance = np.full(rho.shape, np.inf)
-    for start, stop in zip(outline[:-1], outline[1:], strict=True):
+    for start, stop in itertools.pairwise(outline):
         along = stop - start
         place = ((rho - start[0]) * along[0] + (z - start[1]) * along[1]) / (along @ along)
         place = np.clip(place, 0.0, 1.0)
-        distance = np.minimum(distance, np.hypot(rho - start[0] - place * along[0], z - start[1] - place * along[1]))
+        distance = np.minimum(
+            distance, np.hypot(rho - start[0] - place * along[0], z - start[1] - place * along[1])
+        )
     wall = (rho > radius) & (rho - radius > z + chamfer)
     inside = (z < 0.0) & ((wall | (z < -depth)) if closed else (wall & (z > -depth)))
     return np.where(inside, -distance, distance)
@@ -115,11 +119,13 @@ def peg_distance(position: Array, axis: Array, *, peg: Peg, hole: Hole) -> float
     rim = 0.15 * radius
     heights = [(-half, -half + rim), (-half + rim, -half + 0.4 * radius), (-half + 0.4 * radius, half)]
     faces = [(radius - rim, radius), (0.0, radius - rim)]
-    parts = [(SIDE, part) for part in heights] + [(LOWER_FACE, part) for part in faces] + [(UPPER_FACE, faces[0])]
+    parts = (
+        [(SIDE, part) for part in heights] + [(LOWER_FACE, part) for part in faces] + [(UPPER_FACE, faces[0])]
+    )
     angles = np.arange(12) * np.pi / 6.0
     windows = np.array([[(angle - 0.3, angle + 0.3), part] for angle in angles for _, part in parts])
     surface = np.array([kind for _ in angles for kind, _ in parts])
-    found, places = closest(windows, surface, position, axis, peg=peg, hole=hole, levels=9)
+    found, places = closest(windows, surface, position, axis, peg=peg, hole=hole, levels=7)
     best = float(found.min())
     for window in found.argsort()[:4]:
         best = min(best, _walk(places[window], surface[window], position, axis, peg, hole))

@@ -14,7 +14,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from benchmarks import brute_force
-from vic_toolbox.tasks import bore
+from vic_toolbox.tasks import bore_contacts
 
 PEG, HOLE = (12.685e-3, 60e-3), (12.70e-3, 0.4e-3, 25e-3, 0.0)
 """Radius and half length of the peg; radius, chamfer, depth and openness of the hole [m]."""
@@ -31,7 +31,9 @@ def main() -> None:
     rng = np.random.default_rng(0)
     separated, penetrating = [], []
     for place in PLACES:
-        errors = 1e6 * np.array([separated_error(*pose) for pose in separated_poses(rng, place, SEPARATED // 3)])
+        errors = 1e6 * np.array(
+            [separated_error(*pose) for pose in separated_poses(rng, place, SEPARATED // 3)]
+        )
         report(f"separated, {place}", errors)
         separated.append(errors)
     for place in PLACES:
@@ -53,11 +55,14 @@ def main() -> None:
 def report(name: str, errors: np.ndarray) -> None:
     size = np.abs(errors)
     print(
-        f"{name:26s} {len(errors):4d}: error median {np.median(size):.5f}, worst {size.max():.4f} µm", flush=True
+        f"{name:26s} {len(errors):4d}: error median {np.median(size):.5f}, worst {size.max():.4f} µm",
+        flush=True,
     )
 
 
-def separated_poses(rng: np.random.Generator, place: str, count: int) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+def separated_poses(
+    rng: np.random.Generator, place: str, count: int
+) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Poses whose distance is between zero and a third of a millimetre."""
     while count:
         position, axis = random_pose(rng, place)
@@ -72,7 +77,9 @@ def separated_poses(rng: np.random.Generator, place: str, count: int) -> Iterato
             yield position, axis
 
 
-def overlapping_poses(rng: np.random.Generator, place: str, count: int) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+def overlapping_poses(
+    rng: np.random.Generator, place: str, count: int
+) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Poses that overlap by no more than :data:`DEEPEST`."""
     while count:
         position, axis = random_pose(rng, place)
@@ -103,8 +110,8 @@ def random_pose(rng: np.random.Generator, place: str) -> tuple[np.ndarray, np.nd
 
 def contacts(position: np.ndarray, axis: np.ndarray, *, margin: float = 0.0) -> np.ndarray:
     """Contacts that the collider finds: rows of distance, position, normal."""
-    rows = np.zeros((bore.MAX_CONTACTS, 10))
-    count = bore.contacts(rows, tuple(position), tuple(axis), PEG, HOLE, margin)
+    rows = np.zeros((bore_contacts.MAX_CONTACTS, 10))
+    count = bore_contacts.contacts(rows, tuple(position), tuple(axis), PEG, HOLE, margin)
     return rows[:count, :7]
 
 

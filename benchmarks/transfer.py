@@ -1,11 +1,11 @@
-"""What transfers, and to where: every method on the training start, on T1-T4, and on starts all around the arm.
+"""What transfers, and to where: every method on the training scenario and on all unseen ones of a task.
 
-    python -m benchmarks.transfer --out runs/transfer --seeds 3
+    python -m benchmarks.transfer cup-on-plate --out runs/transfer --seeds 3
 
-trains every method in both action spaces, re-optimises the AIRL policies on T1-T4 under their frozen rewards and,
-as the control, under untrained random ones, and judges all of them on the same starts. Each run has its own folder
-and is resumed where it was stopped; a finished one is not repeated. The tables are written to `--results`
-(JSON, Markdown, the sweep's figure), and the last line printed is one JSON object.
+trains every method in both action spaces, re-optimises the AIRL policies on the unseen scenarios under their frozen
+rewards and, as the control, under untrained random ones, and judges all of them on the same starts. Each run has its
+own folder and is resumed where it was stopped; a finished one is not repeated. The tables are written to `--results`
+(JSON, Markdown, figures of the sweeps), and the last line printed is one JSON object.
 """
 
 from __future__ import annotations
@@ -15,257 +15,196 @@ import json
 import os
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import joblib
 import numpy as np
-from scipy import stats
 
-from vic_toolbox.experiments.configuration import default_configuration
-from vic_toolbox.experiments.evaluation import Evaluation, Policy, evaluate
-from vic_toolbox.experiments.skill import load_skill
-from vic_toolbox.experiments.start_sweep import Sweep, sweep_starts
+from benchmarks.studies import STUDIES, TRANSFERS, Study, Transferred
+from benchmarks.transfer_tables import Cell, Swept, markdown, summarise
+from vic_toolbox.experiments.configuration import RunConfiguration, default_configuration
+from vic_toolbox.experiments.difficulty import sweep_difficulty
+from vic_toolbox.experiments.evaluation import Policy, baselines, evaluate, judge
+from vic_toolbox.experiments.figures import style
+from vic_toolbox.experiments.skill import Skill, load_skill
+from vic_toolbox.experiments.start_sweep import sweep_starts
 from vic_toolbox.experiments.training import train
 from vic_toolbox.experiments.transfer import transfer
 from vic_toolbox.files import write_atomically, write_json
-from vic_toolbox.learning import recipe
-from vic_toolbox.tasks import make
+from vic_toolbox.tasks import Task, make
 
-TASK = "cup-on-plate"
-SCENARIOS = ("train", "T1", "T2", "T3", "T4")
-UNSEEN = SCENARIOS[1:]
-PAPER = {
-    "Gain-AIRL": (0.01, 0.09, 0.01, 0.19, 0.24),
-    "Gain-BC": (0.02, 0.17, 0.10, 0.25, 0.36),
-    "Force-AIRL": (0.10, 0.55, 0.58, 0.32, 0.26),
-    "Force-BC": (0.05, 0.40, 0.20, 0.42, 0.58),
-    "Constant gain": (0.14, 0.18, 0.18, 0.17, 0.39),
-}
-"""Relative score differences that the paper reports (best three of five seeds)."""
-
-FIRST_SEED = 30
-"""Smaller seeds were used while the recipes were made; nothing that is reported comes from them."""
-
-FRESH_ITERATIONS, FRESH_DIVERGENCE = 120, 0.03
-"""Iterations and first trust region of a transfer that begins with random weights, which has farther to go; one that
-continues takes the recipe's."""
+DITHER = 0.3
+"""Noise of the dither baseline on every action, of the middle of the range (normalised action)."""
 
 
 @dataclass(frozen=True)
-class Cell:
-    """One number of the table: a row, a scenario, a seed, and the signed relative difference to the expert."""
+class Job:
+    """One source of cells: a method with its action space, history and seed."""
 
-    row: str
-    scenario: str
-    seed: int
-    signed: float
-    success: float
+    study: Study
+    out: Path
+    method: str
+    action: str = "gain"
+    history: int = 1
+    seed: int = 0
 
-    @classmethod
-    def of(cls, row: str, seed: int, evaluation: Evaluation) -> Cell:
-        """The cell of an evaluation."""
-        return cls(row, evaluation.scenario, seed, evaluation.signed_difference, evaluation.success_rate)
+    @property
+    def folder(self) -> Path:
+        """Folder of its training run."""
+        history = "" if self.history == 1 else f"-history{self.history}"
+        return self.out / f"{self.action}-{self.method}{history}-{self.seed}"
+
+    @property
+    def row(self) -> str:
+        """Name of its row."""
+        history = "" if self.history == 1 else f", history {self.history}"
+        return f"{self.action.capitalize()}-{self.method.upper()}{history}"
+
+    def configuration(self) -> RunConfiguration:
+        """Configuration of its training run."""
+        return default_configuration(
+            self.study.task,
+            self.method,
+            action=self.action,
+            history=self.history,
+            seed=self.seed,
+            episodes=self.study.episodes,
+        )
+
+    def trained(self) -> Skill:
+        """The trained policy."""
+        train(self.configuration(), self.folder, resume=True, threads=1)
+        return load_skill(self.folder)
+
+    def judged(self, skill: Skill, row: str, scenarios: tuple[str, ...]) -> Iterator[Cell]:
+        """Cells of a policy that is not transferred."""
+        for scenario in scenarios:
+            result = evaluate(skill.task(scenario), skill.judged, episodes=self.study.episodes, threads=1)
+            yield Cell.of(row, self.seed, result)
 
 
-@dataclass(frozen=True)
-class Transferred:
-    """A kind of transfer: its row in the table, the reward it is optimised under, and where it starts."""
-
-    row: str
-    reward: str
-    fresh: bool
-
-
-TRANSFERS = {
-    "gain": (
-        Transferred("Gain-AIRL", "learned", False),
-        Transferred("Gain-AIRL, fresh policy", "learned", True),
-        Transferred("Gain, random reward", "random", False),
-        Transferred("Gain, random reward, fresh policy", "random", True),
-    ),
-    "force": (
-        Transferred("Force-AIRL", "learned", False),
-        Transferred("Force, random reward", "random", False),
-    ),
-}
-
-
-def airl_cells(out: Path, action: str, seed: int) -> Iterator[Cell]:
+def airl_cells(job: Job) -> Iterator[Cell]:
     """Train, judge without transfer, transfer in every way, judge again."""
-    name = action.capitalize()
-    source = out / f"{action}-airl-{seed}"
-    own = train(default_configuration(TASK, "airl", action=action, seed=seed), source, resume=True, threads=1)
-    yield Cell.of(f"{name}-AIRL", seed, own)
-    skill = load_skill(source)
-    for scenario in UNSEEN:
-        judged = evaluate(skill.task(scenario), skill.judged, threads=1)
-        yield Cell.of(f"{name}-AIRL, no transfer", seed, judged)
-    settings = recipe(TASK, action=action, history=1).transfer
-    for kind in TRANSFERS[action]:
-        chosen = settings
-        if kind.fresh:
-            chosen = replace(settings, iterations=FRESH_ITERATIONS, divergence=FRESH_DIVERGENCE)
-        for scenario in UNSEEN:
-            start = "fresh" if kind.fresh else "continued"
-            moved = transfer(
-                source,
-                scenario,
-                out / f"{action}-airl-{seed}-{scenario}-{kind.reward}-{start}",
-                fresh=kind.fresh,
-                reward=kind.reward,
-                seed=seed,
-                settings=chosen,
-                resume=True,
-                threads=1,
-            )
-            yield Cell.of(kind.row, seed, moved)
+    skill = job.trained()
+    yield from job.judged(skill, job.row, job.study.scenarios[:1])
+    yield from job.judged(skill, f"{job.row}, no transfer", job.study.unseen)
+    for kind in TRANSFERS[job.action, job.history]:
+        for scenario in job.study.unseen:
+            yield _transferred(job, skill, kind, scenario)
 
 
-def cloning_cells(out: Path, action: str, seed: int) -> Iterator[Cell]:
+def _transferred(job: Job, skill: Skill, kind: Transferred, scenario: str) -> Cell:
+    settings = skill.run.recipe.transfer
+    if kind.fresh:
+        study = job.study
+        settings = replace(settings, iterations=study.fresh_iterations, divergence=study.fresh_divergence)
+    start = "fresh" if kind.fresh else "continued"
+    moved = transfer(
+        job.folder,
+        scenario,
+        job.folder.with_name(f"{job.folder.name}-{scenario}-{kind.reward}-{start}"),
+        fresh=kind.fresh,
+        reward=kind.reward,
+        seed=job.seed,
+        settings=settings,
+        episodes=job.study.episodes,
+        resume=True,
+        threads=1,
+    )
+    return Cell.of(kind.row, job.seed, moved)
+
+
+def cloning_cells(job: Job) -> Iterator[Cell]:
     """Train by cloning and judge everywhere."""
-    folder = out / f"{action}-bc-{seed}"
-    train(default_configuration(TASK, "bc", action=action, seed=seed), folder, resume=True, threads=1)
-    skill = load_skill(folder)
-    for scenario in SCENARIOS:
-        judged = evaluate(skill.task(scenario), skill.judged, threads=1)
-        yield Cell.of(f"{action.capitalize()}-BC", seed, judged)
+    yield from job.judged(job.trained(), job.row, job.study.scenarios)
 
 
-def constant_cells(out: Path, action: str, seed: int) -> Iterator[Cell]:
-    """Gains in the middle of their range, which need no training."""
-    del out, action
-    for scenario in SCENARIOS:
-        task = make(TASK, scenario=scenario)
-        yield Cell.of("Constant gain", seed, evaluate(task, Policy.constant(task), threads=1))
+def baseline_cells(job: Job) -> Iterator[Cell]:
+    """The expert, every constant gain, and dither about the middle of the range: nothing of it is trained."""
+    for scenario in job.study.scenarios:
+        task = make(job.study.task, scenario=scenario)
+        noise = np.random.default_rng(job.seed)
+        untrained = {
+            "Expert": Policy.expert(task),
+            **{_constant_row(name): policy for name, policy in baselines(task).items()},
+            "Dither": Policy(partial(_dither, task, noise), "dither"),
+        }
+        for row, result in judge(task, untrained, episodes=job.study.episodes, threads=1).items():
+            yield Cell.of(row, job.seed, result)
 
 
-def listed(job: Callable[..., Iterator[Cell]], *arguments: object) -> list[Cell]:
+def _dither(task: Task, noise: np.random.Generator, observations: np.ndarray) -> np.ndarray:
+    return DITHER * noise.standard_normal((len(observations), task.action_size))
+
+
+def _constant_row(name: str) -> str:
+    label = style.look(name).label
+    return label[0].upper() + label[1:]  # "Constant gain", as in the paper's table
+
+
+def listed(cells: Callable[[Job], Iterator[Cell]], job: Job) -> list[Cell]:
     """All cells of a job, for a worker process to send back."""
-    return list(job(*arguments))
+    return list(cells(job))
 
 
-def sweep(out: Path, action: str, seed: int) -> Sweep:
-    """Trained policies, not transferred, and the constant gain, from starts all around the arm."""
-    task = make(TASK, action=action)
-    policies = {method: load_skill(out / f"{action}-{method}-{seed}").judged for method in ("airl", "bc")} | {
-        "constant": Policy.constant(task)
+def jobs(study: Study, out: Path, seeds: range) -> list[tuple[Callable[[Job], Iterator[Cell]], Job]]:
+    """Everything that there is to do, the longest first."""
+    work: list[tuple[Callable[[Job], Iterator[Cell]], Job]] = []
+    for method, cells in (("airl", airl_cells), ("bc", cloning_cells)):
+        for action in ("gain", "force"):
+            for history in study.histories:
+                work += [(cells, Job(study, out, method, action, history, seed)) for seed in seeds]
+    return [*work, (baseline_cells, Job(study, out, "none", seed=seeds[0]))]
+
+
+def sweep(study: Study, out: Path, quantity: str, action: str, seed: int) -> Swept:
+    """Trained policies of one observation, not transferred, beside the baselines over a sweep."""
+    task: Task = make(study.task, action=action)
+    policies = {
+        method: load_skill(Job(study, out, method, action, 1, seed).folder).judged
+        for method in ("airl", "bc")
     }
-    return sweep_starts(task, policies)
-
-
-def interval(values: np.ndarray) -> float:
-    """Half width of the 95 % confidence interval of the mean (Student's t)."""
-    if len(values) < 2:
-        return float("nan")
-    return float(stats.t.ppf(0.975, len(values) - 1) * values.std(ddof=1) / np.sqrt(len(values)))
-
-
-def summarise(cells: list[Cell]) -> list[dict]:
-    """Mean over the seeds of |difference|, its interval, the signed mean and the success rate, for each cell."""
-    found: dict[tuple[str, str], list[Cell]] = {}
-    for cell in cells:
-        found.setdefault((cell.row, cell.scenario), []).append(cell)
-    table = []
-    for (row, scenario), group in found.items():
-        signed = np.array([cell.signed for cell in group])
-        half = interval(np.abs(signed))
-        table.append({
-            "row": row,
-            "scenario": scenario,
-            "seeds": len(group),
-            "mean": float(np.abs(signed).mean()),
-            "half_interval": half if np.isfinite(half) else None,
-            "signed_mean": float(signed.mean()),
-            "success": float(np.mean([cell.success for cell in group])),
-            "paper": PAPER[row][SCENARIOS.index(scenario)] if row in PAPER else None,
-            "values": signed.tolist(),
-        })  # fmt: skip
-    return table
-
-
-def markdown(table: list[dict], sweeps: dict[tuple[str, int], Sweep], command: str) -> str:
-    """The tables as a page."""
-    rows = list(dict.fromkeys(entry["row"] for entry in table))
-    by_cell = {(entry["row"], entry["scenario"]): entry for entry in table}
-    lines = [
-        "# Cup-on-Plate: what transfers",
-        "",
-        f"Made by `{command}`. |score − expert's score| / |expert's score|, mean over the seeds ± half of the 95 %",
-        "interval, 20 episodes a cell; (the paper's number, best three of five seeds). Success is 100 % unless given.",
-        "",
-        "| | " + " | ".join(SCENARIOS) + " |",
-        "|---" * (len(SCENARIOS) + 1) + "|",
-    ]
-    lines += [
-        f"| {row} | " + " | ".join(_cell_text(by_cell.get((row, scenario))) for scenario in SCENARIOS) + " |"
-        for row in rows
-    ]
-    lines += [
-        "",
-        "*Random reward*: the same optimisation under an untrained reward network, the control.",
-        f"*Fresh policy*: from random weights, {FRESH_ITERATIONS} iterations; otherwise the trained policy continues.",
-        "",
-        "## Starts all around the arm, without transfer",
-        "",
-        "![Relative difference and success over the starts](starts/sweep.svg)",
-        "",
-        "The figure shows the gain policies of the first seed.",
-        "",
-    ]
-    lines += ["| action | policy | seed | mean difference | worst | success |", "|---|---|---|---|---|---|"]
-    for (action, seed), found in sweeps.items():
-        lines += [
-            f"| {action} | {name} | {seed} | {entry['relative_difference_mean']:.3f} "
-            f"| {entry['relative_difference_worst']:.3f} | {100 * entry['success_rate']:.0f} % |"
-            for name, entry in found.summary()["methods"].items()
-        ]
-    return "\n".join(lines) + "\n"
-
-
-def _cell_text(entry: dict | None) -> str:
-    if entry is None:
-        return ""
-    half = f" ± {entry['half_interval']:.3f}" if entry["half_interval"] is not None else ""
-    paper = f" ({entry['paper']:.2f})" if entry["paper"] is not None else ""
-    success = "" if entry["success"] == 1.0 else f", {100 * entry['success']:.0f} %"
-    return f"{entry['mean']:.3f}{half}{paper}{success}"
+    if quantity == "start":
+        return sweep_starts(task, policies | baselines(task))
+    return sweep_difficulty(task, policies, quantity, threads=1)
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--out", type=Path, default=Path("runs/transfer"), help="folder of the runs")
+    parser.add_argument("task", choices=STUDIES)
+    parser.add_argument("--out", type=Path, help="folder of the runs; by default runs/transfer-TASK")
     parser.add_argument("--results", type=Path, default=Path("docs/results"), help="folder of the tables")
-    parser.add_argument("--seeds", type=int, default=3, help=f"number of seeds, from {FIRST_SEED}")
+    parser.add_argument("--seeds", type=int, default=3, help="number of seeds")
     parser.add_argument("--jobs", type=int, default=os.cpu_count(), help="processes, one thread each")
     chosen = parser.parse_args()
-    seeds = range(FIRST_SEED, FIRST_SEED + chosen.seeds)
-    work = [
-        (job, chosen.out, action, seed)
+    study = STUDIES[chosen.task]
+    out = chosen.out or Path("runs") / f"transfer-{study.task}"
+    seeds = range(study.first_seed, study.first_seed + chosen.seeds)
+    parallel: Any = joblib.Parallel(n_jobs=chosen.jobs, verbose=5)
+    done = parallel(joblib.delayed(listed)(*work) for work in jobs(study, out, seeds))
+    table = summarise([cell for cells in done for cell in cells], study)
+    which = [
+        (quantity, action, seed)
+        for quantity in study.sweeps
+        for action in ("gain", "force")
         for seed in seeds
-        for job, action in (
-            (airl_cells, "gain"),
-            (airl_cells, "force"),
-            (cloning_cells, "gain"),
-            (cloning_cells, "force"),
-        )
-    ] + [(constant_cells, chosen.out, "gain", FIRST_SEED)]
-    done: Any = joblib.Parallel(n_jobs=chosen.jobs, verbose=5)(joblib.delayed(listed)(*job) for job in work)
-    table = summarise([cell for cells in done for cell in cells])
-    sweeps = {
-        (action, seed): sweep(chosen.out, action, seed) for action in ("gain", "force") for seed in seeds
-    }
-    sweeps["gain", FIRST_SEED].write(chosen.results / "starts")
-    command = f"python -m benchmarks.transfer --seeds {chosen.seeds}"
+    ]
+    found = parallel(joblib.delayed(sweep)(study, out, *key) for key in which)
+    sweeps: dict[tuple[str, str, int], Swept] = dict(zip(which, found, strict=True))
+    for quantity in study.sweeps:
+        sweeps[quantity, "gain", study.first_seed].write(chosen.results / study.file / quantity)
+    command = f"python -m benchmarks.transfer {study.task} --seeds {chosen.seeds}"
     result = {
         "command": command,
         "table": table,
-        "sweep": {f"{action} {seed}": found.summary() for (action, seed), found in sweeps.items()},
+        "sweep": {" ".join(map(str, key)): swept.summary() for key, swept in sweeps.items()},
     }
-    write_json(chosen.results / "cup_on_plate.json", result)
-    write_atomically(chosen.results / "cup_on_plate.md", markdown(table, sweeps, command))
+    write_json(chosen.results / f"{study.file}.json", result)
+    write_atomically(chosen.results / f"{study.file}.md", markdown(study, table, sweeps, command))
     print(json.dumps({f"{entry['row']} {entry['scenario']}": round(entry["mean"], 4) for entry in table}))
 
 

@@ -14,10 +14,11 @@ from vic_toolbox.experiments.figures import style
 from vic_toolbox.experiments.task_views import plain_scenery, view
 from vic_toolbox.experiments.trace import Trace
 from vic_toolbox.tasks import Task
-from vic_toolbox.tasks.rendering import Renderer, write_video
+from vic_toolbox.tasks.rendering import DETAIL, Renderer, write_video
 
 FPS = 25
 WIDTH, HEIGHT, STRIP = 480, 420, 64  # of one panel, and of the strip below it [pixels]
+_INSET, _FRAME = 168, 2  # side of the picture from close by, and width of the frame around it [pixels]
 _DPI = 100
 _ARRIVED = 0.035  # distance to the goal that counts as none, as a share of the first
 _BAR = 0.76  # length of the stiffness bar, as a share of the width
@@ -67,10 +68,9 @@ def film(path: Path, traces: Mapping[str, Trace], task: Task) -> str:
         write_video(path, _frames(traces, step, _drawn(traces, task)), fps=FPS)
         return DRAWN.format(reason=error) + legend
     with renderer:
-        write_video(
-            path, _frames(traces, step, lambda name, t: renderer.picture(traces[name].joints[t])), fps=FPS
-        )
-    return RENDERED + legend
+        write_video(path, _frames(traces, step, _rendered(traces, renderer)), fps=FPS)
+        closer = renderer.has_detail
+    return RENDERED + (f" {view(task).detail}" if closer else "") + legend
 
 
 def _frames(
@@ -128,6 +128,28 @@ class _Strip:
             )
             self._stiffness.set_text(f"{stiffness:.0f} N/m")
         return style.pixels(self._drawing)
+
+
+def _rendered(traces: Mapping[str, Trace], renderer: Renderer) -> Callable[[str, int], np.ndarray]:
+    """Pictures of the scene, with what matters from close by in the upper right corner if the scene has it."""
+
+    def picture(name: str, t: int) -> np.ndarray:
+        joints = traces[name].joints[t]
+        overview = renderer.picture(joints)
+        if renderer.has_detail:
+            corner = overview[10 : 10 + _INSET + 2 * _FRAME, -10 - _INSET - 2 * _FRAME : -10]
+            corner[:] = 255
+            corner[_FRAME:-_FRAME, _FRAME:-_FRAME] = _middle(renderer.picture(joints, camera=DETAIL))
+        return overview
+
+    return picture
+
+
+def _middle(picture: np.ndarray) -> np.ndarray:
+    """The middle of a picture at half its size, (_INSET, _INSET, 3)."""
+    top, left = ((length - 2 * _INSET) // 2 for length in picture.shape[:2])
+    square = picture[top : top + 2 * _INSET, left : left + 2 * _INSET]
+    return square.reshape(_INSET, 2, _INSET, 2, 3).mean(axis=(1, 3)).astype(np.uint8)
 
 
 def _drawn(traces: Mapping[str, Trace], task: Task) -> Callable[[str, int], np.ndarray]:

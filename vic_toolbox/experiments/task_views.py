@@ -68,6 +68,8 @@ class TaskView:
     """The task's own figures."""
     scenery: Callable[[Any, str, Trace, np.ndarray], None] | None = None
     """Draws what stands around into 3-D axes, given a look, its trace and the skeleton (T, n, 3)."""
+    detail: str = ""
+    """What the picture from close by shows, if the task's scene has one."""
     zones: tuple[float, ...] = ()
     """Distances at which the expert changes over [m]."""
 
@@ -190,6 +192,7 @@ VIEWS: Mapping[str, TaskView] = MappingProxyType({
         knob=_MIRROR,
         figures=_inserting,
         scenery=insertion.scenery,
+        detail="The small picture is the edge of the hole; its marks are a millimetre apart.",
     ),
 })  # fmt: skip
 """By name of the task."""

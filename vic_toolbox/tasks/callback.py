@@ -122,9 +122,7 @@ def _compile(nv: int, *, previous: Any) -> Any:
         data_offsets[field] // WORD for field in DATA_FIELDS
     )
     own_size, sensor_size = (model_offsets[field] // WORD for field in MODEL_FIELDS)
-    data_words, model_words = (
-        max(offsets.values()) // WORD + 1 for offsets in (data_offsets, model_offsets)
-    )
+    data_words, model_words = (max(offsets.values()) // WORD + 1 for offsets in (data_offsets, model_offsets))
     size = userdata_size(nv)
     magic = LAW_FIELDS["magic"].start
     ticks, peak = (law_block_size(nv) + EXTRA_FIELDS[name] for name in ("ticks", "peak_force"))

@@ -5,7 +5,7 @@ goes in. So the hole is a geom of a type whose pair with a cylinder may hold man
 its measures in ``geom_user`` behind a *tag*, and the entry of MuJoCo's table of collision functions
 (``mjCOLLISIONFUNC``) for height field against cylinder is a compiled function that
 
-- for a tagged height field calls :func:`vic_toolbox.tasks.bore.contacts`;
+- for a tagged height field calls :func:`vic_toolbox.tasks.bore_contacts.contacts`;
 - for every other one calls MuJoCo's own function: models without such a hole do not change.
 
 The table is global to the process. Without the function in it a hole is a flat plate, so whoever simulates one calls
@@ -25,7 +25,7 @@ import numpy as np
 from numba import carray, cfunc, njit, types
 
 from vic_toolbox.errors import InputError, SimulationError, positive
-from vic_toolbox.tasks import bore
+from vic_toolbox.tasks import bore_contacts
 from vic_toolbox.tasks.mujoco_structs import WORD, check_offsets, pointer, struct_offsets, unknown_mujoco
 
 TAG = float(int.from_bytes(b"VICBOR", "big"))
@@ -141,7 +141,8 @@ def install() -> None:
             return
         table = _table()
         mujocos_own = _mujocos_own(table)
-        table[_CYLINDER] = _compile(mujocos_own).address
+        table[_CYLINDER] = collide = _compile(mujocos_own).address
+        _compiled.add(collide)
         try:
             _check_probe()
         except SimulationError:
@@ -211,10 +212,12 @@ def _check_probe() -> None:
     model = mujoco.MjModel.from_xml_string(_PROBE)
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
-    rows = np.zeros((bore.MAX_CONTACTS, _CONTACT_SIZE))
+    rows = np.zeros((bore_contacts.MAX_CONTACTS, _CONTACT_SIZE))
     axis = data.geom_xmat[1, 2::3]
     peg, hole = tuple(model.geom_size[1, :2]), tuple(model.geom_user[0, 1:])
-    count = bore.contacts(rows, tuple(data.geom_xpos[1]), tuple(axis), peg, hole, model.geom_margin[0])
+    count = bore_contacts.contacts(
+        rows, tuple(data.geom_xpos[1]), tuple(axis), peg, hole, model.geom_margin[0]
+    )
     if data.ncon != count or not np.allclose(data.contact.dist, rows[:count, 0], rtol=0.0, atol=1e-12):
         raise unknown_mujoco(
             f"it finds {data.ncon} contacts of a probe where the collider finds {count}, or others"
@@ -236,8 +239,8 @@ def _compile(mujocos_own: int) -> Any:
     positions, rotations = (data_offsets[field] // WORD for field in _DATA_FIELDS)
     user_size, users, sizes = (model_offsets[field] // WORD for field in _MODEL_FIELDS)
     data_words, model_words = (max(offsets.values()) // WORD + 1 for offsets in (data_offsets, model_offsets))
-    tag, least, room, width = TAG, USER_SIZE, bore.MAX_CONTACTS, _CONTACT_SIZE
-    other, find, relative, to_world = _Collide(mujocos_own), bore.contacts, _relative_pose, _to_world
+    tag, least, room, width = TAG, USER_SIZE, bore_contacts.MAX_CONTACTS, _CONTACT_SIZE
+    other, find, relative, to_world = _Collide(mujocos_own), bore_contacts.contacts, _relative_pose, _to_world
 
     @cfunc(_SIGNATURE, error_model="numpy")
     def collide(model, data, found, hole, peg, margin):  # type: ignore[no-untyped-def]
@@ -257,7 +260,6 @@ def _compile(mujocos_own: int) -> Any:
         to_world(rows, count, position[hole], rotation[hole])
         return count
 
-    _compiled.add(collide.address)
     return collide
 
 

@@ -1,7 +1,7 @@
-"""Pictures, films and a live window of a simulated arm.
+"""Pictures, films and a live window of a simulation.
 
-Drawing has its own model, with all shapes, table, floor and lights; it needs joint angles only and cannot
-disturb the physics. Off screen it works with whatever OpenGL there is: a display, EGL (no display needed) or
+Drawing has its own model, with all shapes, floor and lights; it needs joint positions only and cannot disturb
+the physics. Off screen it works with whatever OpenGL there is: a display, EGL (no display needed) or
 OSMesa (no GPU either).
 """
 
@@ -22,8 +22,11 @@ from numpy.typing import ArrayLike
 from vic_toolbox.errors import DependencyError, InputError, finite_array, finite_number, integer
 from vic_toolbox.files import atomic_path
 
-CAMERA = "overview"
-"""Name of the camera that a decorated scene has."""
+CAMERA, DETAIL = "overview", "detail"
+"""Names of cameras: the one of every scene, and the one that looks from close by, where a scene needs it."""
+
+WOOD = (0.80, 0.70, 0.57, 1.0)
+"""Colour of a table."""
 
 _FLOOR = -0.72  # height of the floor below the table's top [m]
 _REMEDY = (
@@ -43,29 +46,9 @@ def decorate(spec: mujoco.MjSpec, *, table: str) -> mujoco.MjSpec:
         Name of the box that is the table's top.
     """
     world, geom = spec.worldbody, mujoco.mjtGeom
-    spec.visual.global_.offwidth, spec.visual.global_.offheight = 3840, 2160
-    spec.visual.quality.shadowsize, spec.visual.quality.offsamples = 2048, 4  # tolerable without a GPU
-    spec.visual.headlight.ambient, spec.visual.headlight.diffuse = [0.42] * 3, [0.28] * 3
-    spec.visual.headlight.specular = [0.05] * 3
-    spec.stat.center, spec.stat.extent = (
-        [0.3, 0.0, 0.3],
-        1.1,
-    )  # what shadows and clipping planes are fitted to
-    spec.visual.map.znear, spec.visual.map.zfar, spec.visual.map.shadowclip = 0.02, 20.0, 1.0
-    builtin = mujoco.mjtBuiltin
-    sky = mujoco.mjtTexture.mjTEXTURE_SKYBOX
-    spec.add_texture(
-        name="sky", type=sky, builtin=builtin.mjBUILTIN_GRADIENT, width=512, height=3072,
-        rgb1=[0.88, 0.91, 0.95], rgb2=[0.62, 0.68, 0.76],
-    )  # fmt: skip
-    spec.add_texture(
-        name="tiles", type=mujoco.mjtTexture.mjTEXTURE_2D, builtin=builtin.mjBUILTIN_CHECKER,
-        width=512, height=512, rgb1=[0.78, 0.79, 0.80], rgb2=[0.75, 0.76, 0.77],
-        mark=mujoco.mjtMark.mjMARK_EDGE, markrgb=[0.68, 0.69, 0.70],
-    )  # fmt: skip
-    tiles = spec.add_material(name="tiles", texuniform=True, texrepeat=[1.5, 1.5])
-    tiles.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "tiles"
-    spec.add_material(name="wood", rgba=[0.80, 0.70, 0.57, 1], specular=0.2, shininess=0.3)
+    studio(spec)
+    add_tiles(spec)
+    spec.add_material(name="wood", rgba=WOOD, specular=0.2, shininess=0.3)
     spec.add_material(name="steel", rgba=[0.30, 0.32, 0.35, 1], specular=0.5, shininess=0.6)
     world.add_geom(
         type=geom.mjGEOM_PLANE,
@@ -85,26 +68,57 @@ def decorate(spec: mujoco.MjSpec, *, table: str) -> mujoco.MjSpec:
                 type=geom.mjGEOM_BOX, pos=[*corner, (bottom + _FLOOR) / 2],
                 size=[0.025, 0.025, (bottom - _FLOOR) / 2], material="steel", contype=0, conaffinity=0,
             )  # fmt: skip
-    sun = mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
-    world.add_light(
-        type=sun,
-        pos=[1.0, -1.0, 2.0],
-        dir=[-0.35, 0.4, -1],
-        diffuse=[0.5] * 3,
-        specular=[0.2] * 3,
-        castshadow=True,
-    )
-    world.add_light(
-        type=sun,
-        pos=[-1, 1.5, 2],
-        dir=[0.6, -0.5, -1],
-        diffuse=[0.18] * 3,
-        specular=[0] * 3,
-        castshadow=False,
-    )
-    eye, target = np.array([1.85, -0.75, 1.05]), np.array([0.22, 0.06, 0.30])
-    world.add_camera(name=CAMERA, pos=eye, quat=_look_at(eye, target), fovy=40)
+    add_camera(spec, CAMERA, eye=(1.85, -0.75, 1.05), target=(0.22, 0.06, 0.30), fovy=40)
     return spec
+
+
+def studio(spec: mujoco.MjSpec, *, size: float = 1.0) -> None:
+    """Add sky and lights to a scene, and fit what depends on its size.
+
+    Parameters
+    ----------
+    spec : mujoco.MjSpec
+        Scene, around the world's origin; it is changed.
+    size : float
+        Width of what there is to see [m].
+    """
+    spec.visual.global_.offwidth, spec.visual.global_.offheight = 3840, 2160
+    spec.visual.quality.shadowsize, spec.visual.quality.offsamples = 2048, 4  # tolerable without a GPU
+    spec.visual.headlight.ambient, spec.visual.headlight.diffuse = [0.42] * 3, [0.28] * 3
+    spec.visual.headlight.specular = [0.05] * 3
+    # what shadows and clipping planes are fitted to
+    spec.stat.center, spec.stat.extent = size * np.array([0.3, 0.0, 0.3]), 1.1 * size
+    spec.visual.map.znear, spec.visual.map.zfar, spec.visual.map.shadowclip = 0.02, 20.0, 1.0
+    spec.add_texture(
+        name="sky", type=mujoco.mjtTexture.mjTEXTURE_SKYBOX, builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
+        width=512, height=3072, rgb1=[0.88, 0.91, 0.95], rgb2=[0.62, 0.68, 0.76],
+    )  # fmt: skip
+    sun = {"type": mujoco.mjtLightType.mjLIGHT_DIRECTIONAL}
+    spec.worldbody.add_light(
+        **sun, pos=size * np.array([1.0, -1.0, 2.0]), dir=[-0.35, 0.4, -1], castshadow=True,
+        diffuse=[0.5] * 3, specular=[0.2] * 3,
+    )  # fmt: skip
+    spec.worldbody.add_light(
+        **sun, pos=size * np.array([-1.0, 1.5, 2.0]), dir=[0.6, -0.5, -1], castshadow=False,
+        diffuse=[0.18] * 3, specular=[0] * 3,
+    )  # fmt: skip
+
+
+def add_tiles(spec: mujoco.MjSpec) -> None:
+    """Add the material ``tiles`` of the floor."""
+    spec.add_texture(
+        name="tiles", type=mujoco.mjtTexture.mjTEXTURE_2D, builtin=mujoco.mjtBuiltin.mjBUILTIN_CHECKER,
+        width=512, height=512, rgb1=[0.78, 0.79, 0.80], rgb2=[0.75, 0.76, 0.77],
+        mark=mujoco.mjtMark.mjMARK_EDGE, markrgb=[0.68, 0.69, 0.70],
+    )  # fmt: skip
+    tiles = spec.add_material(name="tiles", texuniform=True, texrepeat=[1.5, 1.5])
+    tiles.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "tiles"
+
+
+def add_camera(spec: mujoco.MjSpec, name: str, *, eye: ArrayLike, target: ArrayLike, fovy: float) -> None:
+    """Add a camera at `eye` that looks at `target` [m], `fovy` degrees of height in view."""
+    position = np.asarray(eye, dtype=np.float64)
+    spec.worldbody.add_camera(name=name, pos=position, quat=_look_at(position, np.asarray(target)), fovy=fovy)
 
 
 def _look_at(eye: np.ndarray, target: np.ndarray) -> np.ndarray:
@@ -118,12 +132,12 @@ def _look_at(eye: np.ndarray, target: np.ndarray) -> np.ndarray:
 
 
 class Renderer:
-    """Draws an arm at given joint angles, off screen.
+    """Draws a scene at given joint positions, off screen.
 
     Parameters
     ----------
     spec : mujoco.MjSpec
-        Decorated scene, see :func:`decorate`.
+        Scene with lights and a camera :data:`CAMERA`, see :func:`studio` and :func:`add_camera`.
     width, height : int
         Size of a picture [pixels]; even, for films.
 
@@ -149,15 +163,20 @@ class Renderer:
         self._options, self._camera = mujoco.MjvOption(), mujoco.MjvCamera()
         self._options.sitegroup[:] = 0
         self._camera.type = mujoco.mjtCamera.mjCAMERA_FIXED
-        self._camera.fixedcamid = self.model.camera(CAMERA).id
 
-    def picture(self, qpos: ArrayLike) -> np.ndarray:
-        """The arm at joint angles (nq,) [rad], as (height, width, 3) uint8."""
+    @property
+    def has_detail(self) -> bool:
+        """Whether there is a camera :data:`DETAIL`."""
+        return mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_CAMERA, DETAIL) >= 0
+
+    def picture(self, qpos: ArrayLike, *, camera: str = CAMERA) -> np.ndarray:
+        """The scene at joint positions (nq,) [m, rad], as (height, width, 3) uint8."""
         if self._context is None:
             raise InputError("this renderer is closed; make a new one.")
         self.data.qpos[:] = finite_array("qpos", qpos, shape=(self.model.nq,))
         mujoco.mj_kinematics(self.model, self.data)
         mujoco.mj_camlight(self.model, self.data)
+        self._camera.fixedcamid = self.model.camera(camera).id
         self._gl.make_current()
         everything = mujoco.mjtCatBit.mjCAT_ALL.value
         mujoco.mjv_updateScene(
@@ -220,7 +239,7 @@ class Window:
     Parameters
     ----------
     spec : mujoco.MjSpec
-        Decorated scene.
+        As for a :class:`Renderer`.
     period : float
         Time between two calls of :meth:`show` [s].
 
@@ -253,7 +272,7 @@ class Window:
             self._handle.cam.fixedcamid = self.model.camera(CAMERA).id
 
     def show(self, qpos: ArrayLike) -> None:
-        """Draw the arm at joint angles (nq,) [rad], not sooner than one period after the last call."""
+        """Draw the scene at joint positions (nq,) [m, rad], not sooner than one period after the last call."""
         with self._handle.lock():
             self.data.qpos[:] = finite_array("qpos", qpos, shape=(self.model.nq,))
             mujoco.mj_forward(self.model, self.data)
