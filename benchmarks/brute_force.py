@@ -128,7 +128,7 @@ def peg_distance(position: Array, axis: Array, *, peg: Peg, hole: Hole) -> float
     found, places = closest(windows, surface, position, axis, peg=peg, hole=hole, levels=7)
     best = float(found.min())
     for window in found.argsort()[:4]:
-        best = min(best, _walk(places[window], surface[window], position, axis, peg, hole))
+        best = min(best, _walk(places[window], int(surface[window]), position, axis, peg, hole))
     return best
 
 

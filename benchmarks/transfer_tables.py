@@ -147,7 +147,9 @@ def _sweeps(study: Study, sweeps: Mapping[tuple[str, str, int], Swept]) -> list[
     ]
     for action in ("gain", "force"):
         lines += [f"**{action} actions**", ""]
-        own = {(quantity, seed): swept for (quantity, space, seed), swept in sweeps.items() if space == action}
+        own = {
+            (quantity, seed): swept for (quantity, space, seed), swept in sweeps.items() if space == action
+        }
         lines += _areas(study, own)
     for quantity in study.sweeps:
         lines += [f"![Success against {quantity}]({study.file}/{quantity}/sweep.svg)", ""]

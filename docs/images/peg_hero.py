@@ -71,8 +71,6 @@ def hero(task: PegInHole, traces: dict[str, Trace]) -> Figure:
             path.plot(x[steps], z[steps], "o", ms=4.0, color=style.INK, zorder=6)
             style.line(way, trace.time, 1e3 * trace.distance, name)
         insertion.draw_profile(path, task.scenario)
-        for text in path.texts:  # the goal is farther down
-            text.set_annotation_clip(True)
         path.set(title="path of the tip  [mm]", xlim=(-1.6, 5.2), ylim=(-2.2, 3.7), aspect="equal")
         path.annotate("chamfer", (0.22, -0.2), (1.2, -1.3), color=style.QUIET, fontsize=8,
                       arrowprops={"arrowstyle": "-", "color": style.QUIET, "lw": 0.8})  # fmt: skip

@@ -137,7 +137,7 @@ def _compile() -> Any:
     What is on disk belongs to this file and to the values that the function closes over; the text of the other files
     that the function is made of must therefore be one of them.
     """
-    others = zlib.crc32(b"".join(Path(module.__file__).read_bytes() for module in (bore, bore_search)))
+    others = zlib.crc32(b"".join(Path(str(module.__file__)).read_bytes() for module in (bore, bore_search)))
 
     def contacts(rows, position, axis, peg, hole, margin):
         _ = others

@@ -19,8 +19,8 @@ _COS, _SIN = np.cos(_SPACING * np.arange(_SAMPLES)), np.sin(_SPACING * np.arange
 _TAN = math.tan(_SPACING)
 _MINIMA = 8  # local minima that one circle may have
 _SUPPORTS = 4  # contacts that hold a rim which touches along a wide arc
-_BESIDE = math.cos(math.radians(30.0))  # how far they are from other contacts
-_APART = math.cos(math.radians(59.0))  # how far apart they are
+_APART = math.cos(math.radians(59.0))  # how far apart these are
+_BESIDE = math.cos(math.radians(30.0))  # how far the companions of a minimum are from other contacts
 _FLAT = 1e-9  # |slope| / radius at a minimum
 _NARROW = 1e-9  # width [rad] of a bracket that has closed on a kink
 

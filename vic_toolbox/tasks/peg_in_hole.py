@@ -261,7 +261,7 @@ class PegInHole:
         """Whether the peg is in: its height less than 1 mm (at scale 1) off the goal, shape (...)."""
         return np.abs(_newest(observations)[..., 2]) < SUCCESS * self.scenario.scale
 
-    def outcome(self, simulation: PegSimulation, observations: Array) -> dict[str, Array]:
+    def outcome(self, simulation: PegSimulation, observations: Array) -> dict[str, np.ndarray]:
         """End of an episode, (n,) each: ``success``, ``stopped``, ``distance`` [m] and ``peak_force`` [N]."""
         return {
             "success": self.success(observations) & ~simulation.stopped,

@@ -18,7 +18,8 @@ from vic_toolbox.errors import Array, SimulationError, finite_array, integer
 from vic_toolbox.tasks import collider
 
 FASTEST, FARTHEST, STEEPEST = 2.0, 0.2, 1.0
-"""Speed [m/s], distance from the goal [m] and tilt [rad] beyond which a peg is halted."""
+"""Speed [m/s], distance from the goal [m] and tilt [rad] beyond which a peg is halted; the distance of a scaled-up
+part grows with it."""
 
 HAND = 0.2
 """Height above the centre of mass at which the peg is held [m]: pushes act there."""
@@ -64,6 +65,7 @@ class PegSimulation:
         self._constraint = self.batch.bind("qfrc_constraint")
         self._push = self.batch.bind("xfrc_applied")[:, model.body("peg").id]
         self._goal = model.site("goal").pos.copy()
+        self._farthest = max(FARTHEST, 4.0 * self._goal[2])
         self.stopped = np.zeros(self.count, dtype=bool)
         self._peak = np.zeros(self.count)
         self._last_qpos = np.empty_like(self.qpos)
@@ -89,6 +91,7 @@ class PegSimulation:
         self.qpos[:, :3] = finite_array("position", position, shape=(..., 3))
         self.qpos[:, 3:] = finite_array("quat_wxyz", quat_wxyz, shape=(..., 4))
         self._bias[:, :, 1] = 0.0
+        self._last_qpos[:] = self.qpos
         self.stopped[:] = False
         self._peak[:] = 0.0
 
@@ -130,10 +133,10 @@ class PegSimulation:
         A peg that is too fast, too far or too steep (or not finite) is put into its protective stop first.
         """
         out = np.empty((self.count, 12))
-        if not _observe(self.qpos, self.qvel, self._goal, out):
-            self.stopped |= ~_in_order(out)
+        if not _observe(self.qpos, self.qvel, self._goal, self._farthest, out):
+            self.stopped |= ~_in_order(out, self._farthest)
             self._hold(self.stopped)
-            _observe(self.qpos, self.qvel, self._goal, out)
+            _observe(self.qpos, self.qvel, self._goal, self._farthest, out)
         return out
 
     def _hold(self, rows: np.ndarray) -> None:
@@ -159,16 +162,16 @@ class PegSimulation:
         return float(self.batch.bind("time")[0])
 
 
-def _in_order(rows: Array) -> np.ndarray:
+def _in_order(rows: Array, farthest: float) -> np.ndarray:
     """Whether each (e, ė) of (n, 12) is that of a peg under control."""
     norm = {k: np.linalg.norm(rows[:, k : k + 3], axis=1) for k in (0, 3, 6)}
     return (
-        (norm[0] <= FARTHEST) & (norm[3] <= STEEPEST) & (norm[6] <= FASTEST) & np.isfinite(rows).all(axis=1)
+        (norm[0] <= farthest) & (norm[3] <= STEEPEST) & (norm[6] <= FASTEST) & np.isfinite(rows).all(axis=1)
     )
 
 
 @njit(cache=True, error_model="numpy")
-def _observe(qpos, qvel, goal, out):  # type: ignore[no-untyped-def]
+def _observe(qpos, qvel, goal, farthest, out):  # type: ignore[no-untyped-def]
     """Write e = [p − p_d; log R] and ė = [v; R ω] of each peg into a row of `out`; False if one needs a stop."""
     sane = True
     for s in range(out.shape[0]):
@@ -190,5 +193,5 @@ def _observe(qpos, qvel, goal, out):  # type: ignore[no-untyped-def]
         steep = row[3] * row[3] + row[4] * row[4] + row[5] * row[5]
         fast = row[6] * row[6] + row[7] * row[7] + row[8] * row[8]
         spin = row[9] + row[10] + row[11]
-        sane = sane and far <= FARTHEST**2 and steep <= STEEPEST**2 and fast <= FASTEST**2 and spin == spin
+        sane = sane and far <= farthest**2 and steep <= STEEPEST**2 and fast <= FASTEST**2 and spin == spin
     return sane

@@ -53,7 +53,7 @@ def draw_profile(axes: Axes, scenario: PegScenario) -> None:
         axes.fill(side * wall[:, 0], wall[:, 1], facecolor=_SOLID, edgecolor=style.QUIET, lw=0.8, zorder=1)
     axes.axhline(-goal, color=style.QUIET, lw=0.8, ls=":", zorder=1.5)
     axes.annotate("goal", (1.0, -goal), (-3, 3), xycoords=("axes fraction", "data"), textcoords="offset points",
-                  ha="right", color=style.QUIET, fontsize=7.5)  # fmt: skip
+                  ha="right", color=style.QUIET, fontsize=7.5, annotation_clip=True)  # fmt: skip
     axes.set(xlim=(-reach, reach), ylim=(-1.25 * goal, axes.get_ylim()[1]))
 
 
