@@ -20,6 +20,8 @@ from vic_toolbox.tasks import cup_scene, rendering
 from vic_toolbox.tasks.demonstrations import random_push
 
 ID = "vic/CupOnPlate-v0"
+BATCHED = (tasks.CupOnPlateVectorEnv, tasks.PegInHoleVectorEnv)
+every_task = pytest.mark.parametrize("batched", BATCHED, ids=lambda kind: kind.__name__)
 
 
 def rollout(environment: tasks.VectorEnvironment, steps: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
@@ -46,18 +48,29 @@ needs_opengl = pytest.mark.skipif(not opengl_works(), reason="no OpenGL on this 
 
 
 @pytest.mark.filterwarnings("ignore::UserWarning")
+@pytest.mark.parametrize("name", [ID, "vic/PegInHole-v0"])
 @pytest.mark.parametrize(("action", "history"), [("gain", 1), ("force", 5)])
-def test_gymnasium_accepts_the_environment(action: str, history: int) -> None:
-    environment = gymnasium.make(ID, action=action, history=history)
+def test_gymnasium_accepts_the_environment(name: str, action: str, history: int) -> None:
+    environment = gymnasium.make(name, action=action, history=history)
     check_env(environment.unwrapped, skip_render_check=not opengl_works())
 
 
-def test_make_vec_gives_the_batched_engine_itself() -> None:
+@pytest.mark.parametrize(
+    ("name", "scenario", "kind"), [(ID, "T2", BATCHED[0]), ("vic/PegInHole-v0", "scale=0.5", BATCHED[1])]
+)
+def test_make_vec_gives_the_batched_engine_itself(name: str, scenario: str, kind: type) -> None:
     environment = gymnasium.make_vec(
-        ID, num_envs=7, vectorization_mode="vector_entry_point", action="force", history=5, scenario="T2"
+        name,
+        num_envs=7,
+        vectorization_mode="vector_entry_point",
+        action="force",
+        history=5,
+        scenario=scenario,
     )
-    assert type(environment) is tasks.CupOnPlateVectorEnv
+    assert type(environment) is kind
+    assert isinstance(environment, tasks.VectorEnvironment)
     assert environment.num_envs == 7
+    assert environment.task.scenario.name == scenario
     assert environment.metadata["autoreset_mode"] is AutoresetMode.NEXT_STEP
     observation, _ = environment.reset(seed=0)
     assert observation in environment.observation_space
@@ -69,11 +82,13 @@ def test_make_vec_gives_the_batched_engine_itself() -> None:
 def test_films_run_at_the_rate_of_the_policy() -> None:
     for made in (gymnasium.make(ID).unwrapped, tasks.CupOnPlateVectorEnv(2)):
         assert made.metadata["render_fps"] == 100
+    assert tasks.PegInHoleVectorEnv(2).metadata["render_fps"] == 50
 
 
-def test_single_environment_is_one_row_of_the_batch() -> None:
-    single = gymnasium.make(ID, start_noise=0.0)
-    batched = tasks.CupOnPlateVectorEnv(3, start_noise=0.0)
+@pytest.mark.parametrize(("name", "kind"), [(ID, BATCHED[0]), ("vic/PegInHole-v0", BATCHED[1])])
+def test_single_environment_is_one_row_of_the_batch(name: str, kind: Any) -> None:
+    single = gymnasium.make(name, start_noise=0.0)
+    batched = kind(3, start_noise=0.0)
     one, _ = single.reset(seed=0)
     many, _ = batched.reset(seed=0)
     for _ in range(20):
@@ -84,42 +99,46 @@ def test_single_environment_is_one_row_of_the_batch() -> None:
         np.testing.assert_array_equal(rewards, reward)
 
 
-def test_same_seed_same_numbers_on_any_number_of_threads() -> None:
-    first = rollout(tasks.CupOnPlateVectorEnv(6), 40, seed=5)
-    again = rollout(tasks.CupOnPlateVectorEnv(6, threads=4), 40, seed=5)
-    other = rollout(tasks.CupOnPlateVectorEnv(6), 40, seed=6)
+@every_task
+def test_same_seed_same_numbers_on_any_number_of_threads(batched: Any) -> None:
+    first = rollout(batched(6), 40, seed=5)
+    again = rollout(batched(6, threads=4), 40, seed=5)
+    other = rollout(batched(6), 40, seed=6)
     for a, b in zip(first, again, strict=True):
         np.testing.assert_array_equal(a, b)
     assert not np.array_equal(first[0], other[0])
 
 
-def test_history_is_the_last_observations_oldest_first() -> None:
-    now, _ = rollout(tasks.CupOnPlateVectorEnv(4), 12, seed=1)
-    past, _ = rollout(tasks.CupOnPlateVectorEnv(4, history=5), 12, seed=1)
+@every_task
+def test_history_is_the_last_observations_oldest_first(batched: Any) -> None:
+    now, _ = rollout(batched(4), 12, seed=1)
+    past, _ = rollout(batched(4, history=5), 12, seed=1)
     for t in range(13):
         expected = np.concatenate([now[max(t - k, 0)] for k in (4, 3, 2, 1, 0)], axis=1)
         np.testing.assert_array_equal(past[t], expected)
 
 
-def test_episodes_end_together_and_the_next_step_starts_anew() -> None:
-    environment = tasks.CupOnPlateVectorEnv(3)
-    observation, _ = environment.reset(seed=0)
-    total = np.zeros(3)
-    for t in range(500):
+@every_task
+def test_episodes_end_together_and_the_next_step_starts_anew(batched: Any) -> None:
+    environment = batched(3)
+    start, _ = environment.reset(seed=0)
+    observation, total, horizon = start, np.zeros(3), environment.task.horizon
+    for t in range(horizon):
         observation, reward, terminated, truncated, info = environment.step(
             environment.expert_action(observation)
         )
         total += reward
         assert not terminated.any()
-        assert truncated.all() == (t == 499)
-        assert bool(info) == (t == 499)
+        assert truncated.all() == (t == horizon - 1)
+        assert bool(info) == (t == horizon - 1)
     np.testing.assert_allclose(info["score"], total)
     assert info["_score"].all()
-    fresh, reward, _, truncated, _ = environment.step(np.zeros((3, 7)))
+    fresh, reward, _, truncated, _ = environment.step(np.zeros(environment.action_space.shape))
     assert (reward == 0).all()
     assert not truncated.any()
     assert (np.abs(fresh[:, 6:]) < 1e-12).all()
-    assert (np.linalg.norm(fresh[:, :3], axis=1) > 0.4).all()
+    far = np.linalg.norm(start[:, :3], axis=1)
+    np.testing.assert_allclose(np.linalg.norm(fresh[:, :3], axis=1), far, rtol=0.2)
 
 
 def test_each_simulation_may_have_its_own_start() -> None:
@@ -133,14 +152,16 @@ def test_each_simulation_may_have_its_own_start() -> None:
     np.testing.assert_allclose(observation[:3], expected[0], atol=1e-7)
 
 
-def test_returned_arrays_belong_to_the_caller() -> None:
-    environment = tasks.CupOnPlateVectorEnv(2)
+@every_task
+def test_returned_arrays_belong_to_the_caller(batched: Any) -> None:
+    environment = batched(2)
+    nothing = np.zeros(environment.action_space.shape)
     observation, _ = environment.reset(seed=0)
     kept = observation.copy()
     observation[:] = np.nan
-    after, _, _, _, _ = environment.step(np.zeros((2, 7)))
+    after, _, _, _, _ = environment.step(nothing)
     environment.reset(seed=0)
-    np.testing.assert_array_equal(after, environment.step(np.zeros((2, 7)))[0])
+    np.testing.assert_array_equal(after, environment.step(nothing)[0])
     np.testing.assert_array_equal(kept, environment.reset(seed=0)[0])
 
 
@@ -198,6 +219,17 @@ def test_importing_tasks_loads_no_simulator() -> None:
 @pytest.fixture(scope="module")
 def demonstrations() -> tasks.Demonstrations:
     return tasks.record(tasks.make("cup-on-plate"), 6, seed=2)
+
+
+def test_every_peg_of_the_demonstrations_goes_in_though_it_is_pushed() -> None:
+    task = tasks.PegInHole()
+    pegs = tasks.record(task, 10, seed=2)
+    assert (pegs.task, pegs.push, pegs.start_noise) == ("peg-in-hole", task.push, 1.0)
+    assert (task.tip_position(pegs.observations[:, -1])[:, 2] < -5e-3).all()
+    np.testing.assert_array_equal(pegs.actions, task.expert_action(pegs.observations[:, :-1]))
+    np.testing.assert_allclose(pegs.scores, task.score(np.swapaxes(pegs.observations[:, :-1], 0, 1)))
+    forces = tasks.record(task.with_action("force"), 10, seed=2)
+    np.testing.assert_array_equal(forces.observations, pegs.observations)
 
 
 def test_demonstrations_hold_the_experts_actions(demonstrations: tasks.Demonstrations) -> None:

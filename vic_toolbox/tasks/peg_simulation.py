@@ -125,7 +125,7 @@ class PegSimulation:
             raise SimulationError(f"{error}. Check masses and gains of these simulations.") from error
         if self.stopped.any():
             self._hold(self.stopped)
-        np.maximum(self._peak, self.contact_force, out=self._peak)
+        np.fmax(self._peak, self.contact_force, out=self._peak)  # a force that is not finite is no peak
 
     def observe(self) -> Array:
         """Pose error and its rate, (count, 12), at this very moment.
@@ -133,10 +133,9 @@ class PegSimulation:
         A peg that is too fast, too far or too steep (or not finite) is put into its protective stop first.
         """
         out = np.empty((self.count, 12))
-        if not _observe(self.qpos, self.qvel, self._goal, self._farthest, out):
-            self.stopped |= ~_in_order(out, self._farthest)
+        if not _observe(self.qpos, self.qvel, self._goal, self._farthest, out, self.stopped):
             self._hold(self.stopped)
-            _observe(self.qpos, self.qvel, self._goal, self._farthest, out)
+            _observe(self.qpos, self.qvel, self._goal, self._farthest, out, self.stopped)
         return out
 
     def _hold(self, rows: np.ndarray) -> None:
@@ -162,18 +161,13 @@ class PegSimulation:
         return float(self.batch.bind("time")[0])
 
 
-def _in_order(rows: Array, farthest: float) -> np.ndarray:
-    """Whether each (e, ė) of (n, 12) is that of a peg under control."""
-    norm = {k: np.linalg.norm(rows[:, k : k + 3], axis=1) for k in (0, 3, 6)}
-    return (
-        (norm[0] <= farthest) & (norm[3] <= STEEPEST) & (norm[6] <= FASTEST) & np.isfinite(rows).all(axis=1)
-    )
-
-
 @njit(cache=True, error_model="numpy")
-def _observe(qpos, qvel, goal, farthest, out):  # type: ignore[no-untyped-def]
-    """Write e = [p − p_d; log R] and ė = [v; R ω] of each peg into a row of `out`; False if one needs a stop."""
-    sane = True
+def _observe(qpos, qvel, goal, farthest, out, stopped):  # type: ignore[no-untyped-def]
+    """Write e = [p − p_d; log R] and ė = [v; R ω] of each peg into a row of `out`.
+
+    A peg that is too far, too steep, too fast or not finite is marked in `stopped`, and the answer is False.
+    """
+    in_order = True
     for s in range(out.shape[0]):
         w, x, y, z = qpos[s, 3], qpos[s, 4], qpos[s, 5], qpos[s, 6]
         sine = math.sqrt(x * x + y * y + z * z)
@@ -193,5 +187,6 @@ def _observe(qpos, qvel, goal, farthest, out):  # type: ignore[no-untyped-def]
         steep = row[3] * row[3] + row[4] * row[4] + row[5] * row[5]
         fast = row[6] * row[6] + row[7] * row[7] + row[8] * row[8]
         spin = row[9] + row[10] + row[11]
-        sane = sane and far <= farthest**2 and steep <= STEEPEST**2 and fast <= FASTEST**2 and spin == spin
-    return sane
+        if not (far <= farthest**2 and steep <= STEEPEST**2 and fast <= FASTEST**2 and math.isfinite(spin)):
+            stopped[s], in_order = True, False
+    return in_order
