@@ -63,9 +63,8 @@ class PegScenario:
             low, high = LIMITS[field.name]
             value = finite_number(field.name, getattr(self, field.name))
             if not low <= value <= high:
-                raise InputError(
-                    f"{field.name} is {value:g} {UNITS[field.name]}; it must be within [{low:g}, {high:g}]."
-                )
+                received = f"{value:g} {UNITS[field.name]}".strip()
+                raise InputError(f"{field.name} is {received}; it must be within [{low:g}, {high:g}].")
             object.__setattr__(self, field.name, value)
 
     @property
@@ -79,13 +78,10 @@ class PegScenario:
     @property
     def description(self) -> str:
         """The same in words."""
-        if self.name == "train":
-            return f"tilt {self.tilt:g}°"
-        return ", ".join(
-            f"{field.name} {getattr(self, field.name):g} {UNITS[field.name]}".strip()
-            for field in fields(self)
-            if getattr(self, field.name) != field.default
-        )
+        changed = (field.name for field in fields(self) if getattr(self, field.name) != field.default)
+        shown = ("tilt", "scale") if self.name == "train" else changed
+        words = (f"{name} {getattr(self, name):g} {UNITS[name]}".strip() for name in shown)
+        return ", ".join(words).replace("-", "−")
 
     @property
     def geometry(self) -> tuple[float, float, float]:
