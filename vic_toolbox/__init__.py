@@ -7,7 +7,9 @@ matrix ``B``. The parts, each a subpackage or module that is imported on first u
 ``errors``            one family of errors; validation of arrays and numbers
 ``spatial``           poses, twists, wrenches, the pose error and its transport
 ``gains``             ``K`` and ``B``, their parametrisations and damping design
+``recordings``        logs of pose, reference and wrench: readers, validation, conditioning
 ``models``            robot models on Pinocchio: M, C, G, J, operational-space terms
+``estimation``        gains from recordings, with their uncertainty
 ``control``           the impedance law, the force law, nullspaces, experts
 ``tasks``             batched MuJoCo simulation, scenarios, Gymnasium environments
 ``learning``          policies, rewards, TRPO, AIRL, behaviour cloning, transfer

@@ -9,6 +9,7 @@ from typing import Protocol
 
 from vic_toolbox.cli.learning import Demo, Train, Transfer
 from vic_toolbox.cli.looking import Evaluate, Play, Robots, Tasks
+from vic_toolbox.cli.recording import Recording
 
 
 class Command(Protocol):
@@ -25,6 +26,7 @@ COMMANDS: dict[str, type[Command]] = {
     "transfer": Transfer,
     "evaluate": Evaluate,
     "play": Play,
+    "recording": Recording,
     "robots": Robots,
     "tasks": Tasks,
 }

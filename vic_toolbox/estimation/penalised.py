@@ -1,0 +1,308 @@
+"""Penalised least squares in banded form: smoothness chosen by REML, uncertainty from the posterior.
+
+The coefficients c of the splines, and constant unknowns β beside them, minimise
+
+    |y − X c − Z β|² + Σ_g λ_g Σ_{i in g} |Δ² c_i|²
+
+where Δ² takes second differences along time (Eilers and Marx 1996). Seen as a mixed model, Δ²c ~ N(0, σ²/λ), and the
+restricted likelihood of λ with σ² at its best is, up to a constant, −V/2 with (Wood 2011)
+
+    V(λ) = (N − M) log σ̂² + log|H_λ| − Σ_g rank_g log λ_g,   σ̂² = (least value of the above) / (N − M),
+
+M the unpenalised dimensions. Every evaluation is one banded Cholesky factorisation. The posterior of c has covariance
+σ̂² H_λ⁻¹, of which only the band is needed; it comes from a block recursion (Takahashi et al. 1973).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.linalg import cho_solve_banded, cholesky_banded
+from scipy.optimize import minimize
+
+from vic_toolbox.errors import Array
+from vic_toolbox.estimation.splines import NormalEquations
+
+ORDER = 2
+"""Order of the differences that the penalty squares: a gain that is a straight line costs nothing."""
+LOG_RANGE = (-46.0, 30.0)
+"""Range of log λ relative to the data's information; its lower end stands for no penalty."""
+RIDGE = 1e-13
+
+
+def second_differences(m: int) -> Array:
+    """Bands (3, m) of ΔᵀΔ: entry [d, j] couples coefficients j and j + d; zero for fewer than three."""
+    bands = np.zeros((3, m))
+    row = np.array([1.0, -2.0, 1.0])
+    for a in range(3):
+        for b in range(a, 3):
+            if m > ORDER:
+                bands[b - a, a : a + m - ORDER] += row[a] * row[b]
+    return bands
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """One penalised problem.
+
+    Parameters
+    ----------
+    gram : ndarray, shape (width, m, q, q)
+    right : ndarray, shape (m, q)
+    squares : float
+    border, corner, border_right : ndarray
+        As in :class:`NormalEquations`, of one problem.
+    count : float
+    groups : ndarray of int, shape (q,)
+        Which λ belongs to each spline.
+    resolution : float, optional
+        Residual, relative to the targets, below which smaller is not better.
+    """
+
+    gram: Array
+    right: Array
+    squares: float
+    border: Array
+    corner: Array
+    border_right: Array
+    count: float
+    groups: NDArray[np.intp]
+    resolution: float = 1e-8
+
+    @classmethod
+    def of(cls, equations: NormalEquations, index: int, groups: NDArray[np.intp]) -> Problem:
+        """Problem number `index` of several."""
+        e = equations
+        return cls(
+            e.gram[index],
+            e.right[index],
+            float(e.squares[index]),
+            e.border[index],
+            e.corner[index],
+            e.border_right[index],
+            float(e.count[index]),
+            groups,
+        )
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Coefficients of a spline, and splines."""
+        return self.right.shape[0], self.right.shape[1]
+
+    def band(self, gram: Array) -> Array:
+        """LAPACK's lower band of the matrix with the blocks `gram`, unknowns ordered by knot."""
+        m, q = self.size
+        width = gram.shape[0]
+        band = np.zeros((width * q, m * q))
+        for d in range(width):
+            for row in range(q):
+                for column in range(row + 1 if d == 0 else q):
+                    band[d * q + row - column, column : (m - d) * q : q] = gram[d, : m - d, column, row]
+        return band
+
+    def penalised(self, logarithms: Array) -> Array:
+        """Blocks of H_λ."""
+        m, q = self.size
+        gram = np.zeros((max(3, self.gram.shape[0]), m, q, q)) if m > ORDER else self.gram.copy()
+        gram[: self.gram.shape[0]] = self.gram
+        index = np.arange(q)
+        if m > ORDER:
+            strength = np.exp(logarithms)[self.groups]
+            gram[:3, :, index, index] += second_differences(m)[:, :, None] * strength
+        gram[0, :, index, index] += RIDGE * max(float(np.mean(gram[0, :, index, index])), 1e-300)
+        return gram
+
+    def matrix(self, logarithms: Array) -> sparse.csc_matrix:
+        """H_λ and its border as one sparse symmetric matrix, the constant unknowns last."""
+        m, q = self.size
+        band = self.band(self.penalised(logarithms))
+        lower = sparse.dia_matrix((band, -np.arange(len(band))), shape=(m * q, m * q)).tocsc()
+        h = lower + sparse.tril(lower, -1).T
+        if self.corner.size:
+            border = self.border.reshape(m * q, -1)
+            h = sparse.bmat([[h, border], [border.T, self.corner]])
+        matrix = sparse.csc_matrix(h)
+        matrix.sort_indices()
+        return matrix
+
+    @property
+    def target(self) -> Array:
+        """Right-hand side that belongs to :meth:`matrix`."""
+        return np.concatenate([self.right.reshape(-1), self.border_right])
+
+    def solve(self, logarithms: Array) -> Solution | None:
+        """Minimise for given λ; None where H_λ is singular."""
+        m, q = self.size
+        try:
+            factor = cholesky_banded(self.band(self.penalised(logarithms)), lower=True, check_finite=False)
+        except np.linalg.LinAlgError:
+            return None
+        r = self.corner.shape[0]
+        columns = np.column_stack([self.right.reshape(-1), self.border.reshape(m * q, r)])
+        solved = cho_solve_banded((factor, True), columns, check_finite=False)
+        logdet = 2 * float(np.log(factor[0]).sum())
+        c, z = solved[:, 0], solved[:, 1:]
+        beta = np.zeros(0)
+        inverse = np.zeros((r, r))
+        if r:
+            schur = self.corner - columns[:, 1:].T @ z
+            try:
+                inverse = np.linalg.inv(schur)
+                logdet += float(np.linalg.slogdet(schur)[1])
+            except np.linalg.LinAlgError:
+                return None
+            beta = inverse @ (self.border_right - columns[:, 1:].T @ c)
+            c = c - z @ beta
+        least = self.squares - columns[:, 0] @ c - self.border_right @ beta
+        return Solution(
+            c.reshape(m, q), beta, inverse, z, logdet, max(float(least), self.resolution**2 * self.squares)
+        )
+
+    def reml(self, logarithms: Array) -> float:
+        """V(λ), the smaller the likelier; infinite where it is not defined."""
+        solution = self.solve(np.clip(logarithms, *LOG_RANGE))
+        if solution is None:
+            return np.inf
+        m, _ = self.size
+        rank = max(m - ORDER, 0) * np.bincount(self.groups, minlength=len(logarithms))
+        outside = np.sum((logarithms - np.clip(logarithms, *LOG_RANGE)) ** 2)
+        return (
+            self.freedom * np.log(max(solution.least, 1e-300) / self.freedom)
+            + solution.logdet
+            - float(rank @ np.clip(logarithms, *LOG_RANGE))
+            + outside
+        )
+
+    @property
+    def freedom(self) -> float:
+        """Observations less unpenalised dimensions."""
+        m, q = self.size
+        return max(self.count - q * min(m, ORDER) - self.corner.shape[0], 1.0)
+
+    def noise_variance(self, solution: Solution) -> float:
+        """The restricted estimate of σ²."""
+        return solution.least / self.freedom
+
+    def smoothest(self, start: Array | None = None) -> Array:
+        """The log λ that minimise :meth:`reml`: a coarse grid, or `start`, then Nelder and Mead."""
+        count = int(self.groups.max()) + 1
+        if self.size[0] <= ORDER:
+            return np.zeros(count)
+        if start is None:
+            # λ in units of the information that the data hold about one coefficient
+            unit = np.log(max(float(np.mean(np.einsum("mii->mi", self.gram[0]))), 1e-300))
+            grid = np.stack(np.meshgrid(*[unit + np.array([-30.0, -12, -6, -2, 2, 6, 12])] * count), -1)
+            points = grid.reshape(-1, count)
+            start = points[int(np.argmin([self.reml(point) for point in points]))]
+        first = np.asarray(start)
+        simplex = np.vstack([first, first + 2.0 * np.eye(count)])
+        options = {"xatol": 0.05, "fatol": 0.02, "maxiter": 120, "initial_simplex": simplex}
+        return np.clip(minimize(self.reml, first, method="Nelder-Mead", options=options).x, *LOG_RANGE)
+
+    def effective(self, logarithms: Array, solution: Solution) -> float:
+        """Effective number of parameters: the trace of ``H_λ⁻¹ XᵀX``, constant unknowns included."""
+        m, q = self.size
+        band = self.variances(logarithms, solution)
+        width = min(3, band.shape[0])
+        twice = np.array([1.0, 2.0, 2.0])[:width, None, None]
+        traces = np.sum(twice * second_differences(m)[:width, :, None] * band[:width], axis=(0, 1))
+        return m * q + len(solution.beta) - float(traces @ np.exp(logarithms)[self.groups])
+
+    def variances(self, logarithms: Array, solution: Solution) -> Array:
+        """Band of the diagonal blocks' diagonals of H_λ⁻¹, shape (width, m, q): [d, j, i] couples c_ji and c_(j+d)i."""
+        band = selected_inverse(self.penalised(logarithms), self.gram.shape[0])
+        m, q = self.size
+        if solution.beta.size:
+            z = solution.border.reshape(m, q, -1)
+            half = z @ solution.inverse
+            for d in range(band.shape[0]):
+                band[d, : m - d] += np.einsum("jir,jir->ji", half[: m - d], z[d:])
+        return band
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """The minimum for given λ.
+
+    Parameters
+    ----------
+    coefficients : ndarray, shape (m, q)
+    beta : ndarray, shape (r,)
+    inverse : ndarray, shape (r, r)
+        Covariance of β for noise of variance one.
+    border : ndarray, shape (m q, r)
+        H⁻¹ times the coupling with β.
+    logdet : float
+    least : float
+        The penalised sum of squares.
+    """
+
+    coefficients: Array
+    beta: Array
+    inverse: Array
+    border: Array
+    logdet: float
+    least: float
+
+
+def selected_inverse(gram: Array, width: int) -> Array:
+    """Entries of the inverse that couple a spline with itself within the band, shape (width, m, q).
+
+    Three neighbouring knots make a block, so the matrix is block tridiagonal. With its factors from the first
+    block on, the inverse's blocks follow from the last one back:
+    ``Σ_kk = D_k⁻¹ + G_k Σ_(k+1,k+1) G_kᵀ``, ``Σ_(k,k+1) = −G_k Σ_(k+1,k+1)``, ``G_k = D_k⁻¹ A_(k,k+1)``.
+    """
+    offsets, m, q, _ = gram.shape
+    step = max(offsets - 1, 1)
+    blocks = -(-m // step)
+    s = step * q
+    diagonal, coupling = np.zeros((blocks, s, s)), np.zeros((max(blocks - 1, 0), s, s))
+    for j in range(blocks * step):
+        k, a = divmod(j, step)
+        if j >= m:  # the last block is filled up with knots that nothing couples
+            diagonal[k, a * q : (a + 1) * q, a * q : (a + 1) * q] = np.eye(q)
+            continue
+        for d in range(min(offsets, m - j)):
+            other, b = divmod(j + d, step)
+            rows, columns = slice(a * q, (a + 1) * q), slice(b * q, (b + 1) * q)
+            if other == k:
+                diagonal[k, rows, columns] = gram[d, j]
+                diagonal[k, columns, rows] = gram[d, j].T
+            else:
+                coupling[k, rows, columns] = gram[d, j]
+    inverses, gains = np.empty_like(diagonal), np.empty_like(coupling)
+    inverses[0] = np.linalg.inv(diagonal[0])
+    for k in range(blocks - 1):
+        gains[k] = inverses[k] @ coupling[k]
+        inverses[k + 1] = np.linalg.inv(diagonal[k + 1] - coupling[k].T @ gains[k])
+    result = np.zeros((width, m, q))
+    index = np.arange(s)
+    later = np.zeros((s, s))
+    for k in range(blocks - 1, -1, -1):
+        current, beside = inverses[k], np.zeros((s, s))
+        if k < blocks - 1:
+            beside = -gains[k] @ later
+            current = current - beside @ gains[k].T
+        both = np.concatenate([current, beside], axis=1)
+        for d in range(width):
+            values = both[index, index + d * q] if d * q + s <= 2 * s else both[index, index]
+            for a in range(step):
+                j = k * step + a
+                if j + d < m:
+                    result[d, j] = values[a * q : (a + 1) * q]
+        later = current
+    return result
+
+
+def pointwise(band: Array, first: NDArray[np.intp], values: Array) -> Array:
+    """Variances (n, q) of the splines at points with active functions `first` and `values`, from the band."""
+    width = values.shape[1]
+    total = np.zeros((len(first), band.shape[2]))
+    for a in range(width):
+        for b in range(a, width):
+            share = (1 if a == b else 2) * values[:, a] * values[:, b]
+            total += share[:, None] * band[b - a, first + a]
+    return np.maximum(total, 0.0)
