@@ -178,7 +178,7 @@ real = pytest.mark.skipif(not KUKA.is_dir(), reason="the folder of real recordin
     ("name", "stiffness"), [("circle", (117, 123, 137)), ("linear_table", (106, 88, 142))]
 )
 def test_stiffness_of_a_real_arm(name: str, stiffness: tuple[float, ...]):
-    """Pressed samples of an iiwa, constant gains and a bias; along x and y the damping is not determined on the circle."""
+    """Pressed samples of an iiwa, constant gains and a bias; the circle does not show the damping."""
     log = read(KUKA / f"{name}.txt", sensor_rotation=MOUNTING)
     pressed = log.rows(np.linalg.norm(log.wrench[:, :3], axis=1) > 2)
     found = fit_smooth(pressed, None, bias=True)

@@ -108,7 +108,7 @@ def _estimate(
     _, problem = model.linearised(x, scale, weight)
     # λ of the joint problem counts residuals in units of the noise
     strengths = (logs - 2 * np.log(scale)[:, None]).reshape(-1)
-    solution = SmoothModel._solved(problem, strengths)
+    solution = SmoothModel.solved(problem, strengths)
     spacing = (basis.stop - basis.start) / basis.intervals if basis.intervals else None
     steps = np.median(np.concatenate([np.diff(p.time) for p in parts]))
     inflation = observability.correlation_inflation(

@@ -1,13 +1,13 @@
 """Penalised least squares in banded form: smoothness chosen by REML, uncertainty from the posterior.
 
-The coefficients c of the splines, and constant unknowns β beside them, minimise
+The coefficients c of the splines, and constant unknowns β beside them, minimise ::
 
-    |y − X c − Z β|² + Σ_g λ_g Σ_{i in g} |Δ² c_i|²
+    ‖y − X c − Z β‖² + Σ_g λ_g Σ_{i in g} ‖Δ² c_i‖²
 
 where Δ² takes second differences along time (Eilers and Marx 1996). Seen as a mixed model, Δ²c ~ N(0, σ²/λ), and the
 restricted likelihood of λ with σ² at its best is, up to a constant, −V/2 with (Wood 2011)
 
-    V(λ) = (N − M) log σ̂² + log|H_λ| − Σ_g rank_g log λ_g,   σ̂² = (least value of the above) / (N − M),
+    V(λ) = (N − M) log σ̂² + log det H_λ − Σ_g rank_g log λ_g,   σ̂² = (least value of the above) / (N − M),
 
 M the unpenalised dimensions. Every evaluation is one banded Cholesky factorisation. The posterior of c has covariance
 σ̂² H_λ⁻¹, of which only the band is needed; it comes from a block recursion (Takahashi et al. 1973).

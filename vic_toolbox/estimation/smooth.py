@@ -19,7 +19,7 @@ from vic_toolbox.estimation.samples import LATENCY, Motion, Samples, given_noise
 from vic_toolbox.estimation.smooth_fit import SmoothFit, SmoothModel, robust_weights
 from vic_toolbox.estimation.smooth_full import FullModel
 from vic_toolbox.estimation.splines import Basis
-from vic_toolbox.estimation.windows import STRUCTURES, chosen_solver
+from vic_toolbox.estimation.windows import CONSTRAINTS, STRUCTURES, chosen_solver
 
 GRID = 5
 """Instants of the result for each knot interval."""
@@ -98,6 +98,7 @@ def fit_smooth(
     """
     parts = pooled(recordings)
     one_of("structure", structure, STRUCTURES)
+    one_of("constraint", constraint, CONSTRAINTS)
     joint = structure == "damping_factor" or attractor
     basis = _basis(parts, knots)
     times = _instants(basis, knots, at)

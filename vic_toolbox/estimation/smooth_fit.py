@@ -116,21 +116,22 @@ class SmoothModel:
         equations = self.equations(weight)
         problems = [Problem.of(equations, i, self.groups) for i in range(6)]
         logs = [p.smoothest(start.logarithms[i] if start else None) for i, p in enumerate(problems)]
-        solutions = [self._solved(p, log) for p, log in zip(problems, logs, strict=True)]
+        solutions = [self.solved(p, log) for p, log in zip(problems, logs, strict=True)]
         found = np.sqrt([p.noise_variance(s) for p, s in zip(problems, solutions, strict=True)])
         exact = found < NOISELESS * root_mean_square(np.concatenate([p.wrench for p in self.parts]))
         if exact.any():
             logs = [log - UNNEEDED * none for log, none in zip(logs, exact, strict=True)]
-            solutions = [self._solved(p, log) for p, log in zip(problems, logs, strict=True)]
+            solutions = [self.solved(p, log) for p, log in zip(problems, logs, strict=True)]
         fit = self._assembled(problems, solutions, logs, found if noise is None else noise, weight)
         if exact.any():
             fit = self._refined(fit)
         return self._with_noise(fit, given=noise)
 
     @staticmethod
-    def _solved(problem: Problem, logarithms: Array) -> Solution:
+    def solved(problem: Problem, logarithms: Array) -> Solution:
+        """The solution for these log λ, or a little more smoothness where rounding makes the matrix indefinite."""
         solution = problem.solve(logarithms)
-        while solution is None:  # rounding: a little more smoothness makes the matrix definite
+        while solution is None:
             logarithms = logarithms + 5.0
             solution = problem.solve(logarithms)
         return solution
@@ -245,7 +246,7 @@ class SmoothModel:
         equations = self.equations(fit.weight)
         total = 0.0
         for i, log in enumerate(fit.logarithms):
-            solution = self._solved(Problem.of(equations, i, self.groups), log)
+            solution = self.solved(Problem.of(equations, i, self.groups), log)
             total += solution.least / max(fit.noise[i] ** 2, 1e-12 * float(equations.squares[i]), 1e-300)
         return total
 

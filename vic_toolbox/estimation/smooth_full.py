@@ -78,7 +78,7 @@ class FullModel(SmoothModel):
             self.weight = scale
             problem = self.problem(equations, scale)
             logs = problem.smoothest(logs)
-            solution = self._solved(problem, logs)
+            solution = self.solved(problem, logs)
             relative = np.sqrt(problem.noise_variance(solution))
             fit = self._assembled([problem], [solution], [logs], scale * relative, weight)
             size = root_mean_square(np.concatenate([p.wrench for p in self.parts]))
@@ -140,7 +140,7 @@ class FullModel(SmoothModel):
 
     def misfit(self, fit: SmoothFit) -> float:  # noqa: D102
         problem = self.problem(self.equations(fit.weight), weights(self.parts, fit.noise))
-        return self._solved(problem, fit.logarithms[0]).least
+        return self.solved(problem, fit.logarithms[0]).least
 
     def deviations(self, fit: SmoothFit, times: Array, factor: Array) -> tuple[Array, Array]:  # noqa: D102
         band = fit.problems[0].variances(fit.logarithms[0], fit.solutions[0])
