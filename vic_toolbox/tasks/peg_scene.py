@@ -64,16 +64,20 @@ class PegScenario:
             value = finite_number(field.name, getattr(self, field.name))
             if not low <= value <= high:
                 received = f"{value:g} {UNITS[field.name]}".strip()
-                raise InputError(f"{field.name} is {received}; it must be within [{low:g}, {high:g}]{WHY[field.name]}.")
+                raise InputError(
+                    f"{field.name} is {received}; it must be within [{low:g}, {high:g}]{WHY[field.name]}."
+                )
             object.__setattr__(self, field.name, value)
 
     @property
     def name(self) -> str:
         """What differs from the training scenario, e.g. ``tilt=-6,scale=0.5``; without a difference ``train``."""
-        own = {field.name: (getattr(self, field.name), field.default) for field in fields(self)}
-        return (
-            ",".join(f"{key}={value:.9g}" for key, (value, usual) in own.items() if value != usual) or "train"
+        changed = (
+            f"{field.name}={getattr(self, field.name)!r}".removesuffix(".0")
+            for field in fields(self)
+            if getattr(self, field.name) != field.default
         )
+        return ",".join(changed) or "train"
 
     @property
     def description(self) -> str:
