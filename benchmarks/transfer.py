@@ -90,7 +90,7 @@ def airl_cells(job: Job) -> Iterator[Cell]:
     skill = job.trained()
     yield from job.judged(skill, job.row, job.study.scenarios[:1])
     yield from job.judged(skill, f"{job.row}, no transfer", job.study.unseen)
-    for kind in TRANSFERS[job.action, job.history]:
+    for kind in TRANSFERS.get((job.action, job.history), ()):
         for scenario in job.study.unseen:
             yield _transferred(job, skill, kind, scenario)
 
@@ -190,8 +190,8 @@ def main() -> None:
     which = [
         (quantity, action, seed)
         for quantity in study.sweeps
-        for action in ("gain", "force")
-        for seed in seeds
+        for action, some in (("gain", seeds), ("force", seeds[:1]))
+        for seed in some
     ]
     found = parallel(joblib.delayed(sweep)(study, out, *key) for key in which)
     sweeps: dict[tuple[str, str, int], Swept] = dict(zip(which, found, strict=True))
