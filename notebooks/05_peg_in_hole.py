@@ -21,7 +21,7 @@
 # 6. transfer: the frozen reward at another tilt
 #
 # Learning is explained in notebook 2, the contact model in the documentation, page *The contact model of
-# a round hole*. The notebook takes about four minutes on one core.
+# a round hole*. The notebook takes three to four minutes on one core.
 
 # %%
 import os
@@ -242,8 +242,9 @@ plt.show()
 # lets $x$ decay as slowly as $\theta$ is $k_x = B_x/\tau_r$. Once the peg is upright the ratio $k_x =
 # (K_{COM}\,e)_x / e_x$ loses its meaning, and the ridge takes the gain back to $K_{tip}$.
 #
-# So why not always use the matched constant? It is right for one $B$ and one $K_r$, and only if the tip
-# starts on the axis; somebody has to know that. The expert needs to know only where the tip is.
+# So why not always use the matched constant? Because somebody has to have had this thought, and it is
+# true for one $B$ and one $K_r$ only. The expert's idea, *be stiff at the tip*, needs nothing of the
+# kind.
 #
 # ## 3 · What goes wrong: sticking, wedging, jamming
 #
@@ -264,8 +265,9 @@ print(
 )
 
 # %% [markdown]
-# Both are more than the chamfer's 0.4 mm. With dry friction *no* gain of the range drags a peg that has
-# missed the chamfer back to it: the point is not to land there. So friction should decide for the
+# Both are more than the chamfer's 0.4 mm. With dry friction *no* constant gains of the range drag a peg
+# that has missed the chamfer back to it (with the smallest $K_z$ it is still 0.7 mm): the point is not to
+# land there. So friction should decide for the
 # constant gain, and hardly matter to the expert. Let us see, by the difficulty sweeps that `vic evaluate
 # RUN --sweep friction` does for any run (here without a run, the expert and the constants alone):
 
@@ -293,8 +295,8 @@ plt.show()
 # %% [markdown]
 # **What to see.** With little friction any gain will do, and the task would teach nothing. At 0.25, dry
 # metal, `diag(K_tip)` works upright, one time in three from 2°, and never from 4° on; the middle of the
-# range works upright only. The expert always works up to 6° and fades from 8° on. Once the clocks agree,
-# constant gains are as good.
+# range works upright only. The expert always works up to 6° and fades from 8° on. Matched constant gains
+# do it everywhere, even from 12°: the two clocks agree at any tilt.
 #
 # ### Wedging
 #
@@ -479,7 +481,7 @@ plt.show()
 # %% [markdown]
 # **What to see.** Left, a quarter of the circumference: the round hole does not notice the direction. A
 # ring of 16 wedges gives the same peg up to 70 µm, several times the clearance, between two of its
-# corners, and 64 wedges three times as much as there is. Right: with a round hole the constant gain fails
+# corners, 64 wedges up to 15 µm, where 5 are left. Right: with a round hole the constant gain fails
 # *because of friction*: with little of it, it gets in. With wedges it never does, at any friction; the
 # corners and seams stop it. At 0.25 the numbers agree, but not the reasons. A study of friction, or of
 # what learning is worth, on such a hole is a study of its corners. (Nor do 64 wedges help, at about ten
@@ -569,10 +571,11 @@ plt.show()
 
 # %% [markdown]
 # **What to see.** Demonstrated was the grey strip. Towards larger tilts of the same sign both skills go
-# *farther than the expert himself*: on his first step, when the tip is exactly on the axis, his ratio
-# says "no lateral stiffness" for 20 ms, and from 12° that is already too long. A smooth policy cannot
-# imitate this flaw. On the **other side** they end at once: the demonstrations hardly show a peg that
-# leans the other way, and neither a policy nor a reward knows that the task is symmetric.
+# *farther than the expert itself*: in its first step, the tip exactly on the axis, its ratio says "no
+# lateral stiffness" for 20 ms, which is the kink in its path in section 2 and too long from 8° on. A
+# smooth policy cannot imitate this flaw. On the **other side** they end at once: the demonstrations
+# hardly show a peg that leans the other way, and neither a policy nor a reward knows that the task is
+# symmetric.
 #
 # ## 6 · Transfer: the frozen reward at another tilt
 #
@@ -637,14 +640,13 @@ plt.show()
 
 # %% [markdown]
 # **What to see.** Left, at three times the demonstrated tilt: under the learned reward a policy that has
-# never seen a demonstration, nor a success, learns to insert the peg; under the random one it does not.
-# The reward carries the skill.
+# never seen a demonstration, nor a success, learns to insert the peg in every trial; under the random one
+# it does not. The reward carries the skill.
 #
 # Right, **what falls short**: at +2° the reward was never taught. It helps the trained policy here, which
-# is nearly there; a fresh one gets less out of it, and with other seeds it may even spoil the trained
-# one. The random reward gets some success too, since from 2° not much is needed. On that side the frozen
-# reward is *not reliable*, and what would help is not a better optimiser but demonstrations that lean to
-# both sides.
+# is nearly there; a fresh one gets less out of it, and with other seeds either may fail. On that side the
+# frozen reward is *not reliable*, and what would help is not a better optimiser but demonstrations that
+# lean to both sides.
 #
 # **One seed is an anecdote**, and this one is a development seed with a shortened recipe. The table over
 # several seeds, with all methods, history, force actions, scales and controls, is the page *Peg-in-Hole:
