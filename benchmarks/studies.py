@@ -136,5 +136,6 @@ TRANSFERS: Mapping[tuple[str, int], tuple[Transferred, ...]] = MappingProxyType(
     ),
     ("force", 1): (Transferred("Force-AIRL"), Transferred("Force, random reward", reward="random")),
     ("gain", 5): (Transferred("Gain-AIRL, history 5"),),
+    ("force", 5): (Transferred("Force-AIRL, history 5"),),
 })  # fmt: skip
-"""How the AIRL policies of an action space and history are transferred; the others are judged as they are."""
+"""How the AIRL policies of an action space and history are transferred."""

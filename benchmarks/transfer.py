@@ -90,7 +90,7 @@ def airl_cells(job: Job) -> Iterator[Cell]:
     skill = job.trained()
     yield from job.judged(skill, job.row, job.study.scenarios[:1])
     yield from job.judged(skill, f"{job.row}, no transfer", job.study.unseen)
-    for kind in TRANSFERS.get((job.action, job.history), ()):
+    for kind in TRANSFERS[job.action, job.history]:
         for scenario in job.study.unseen:
             yield _transferred(job, skill, kind, scenario)
 
