@@ -44,8 +44,9 @@ bench: $(VENV)/.dev  ## measure simulation, collider, estimation and learner; th
 	$(BIN)/python -m benchmarks.estimation
 	$(BIN)/python -m benchmarks.learner
 
-results: $(VENV)/.dev  ## train and judge every method on every start, docs/results (about half an hour on 4 cores)
-	OMP_NUM_THREADS=1 $(BIN)/python -m benchmarks.transfer
+results: $(VENV)/.dev  ## train and judge every method on every scenario, docs/results (about 80 minutes on 4 cores)
+	OMP_NUM_THREADS=1 $(BIN)/python -m benchmarks.transfer cup-on-plate
+	OMP_NUM_THREADS=1 $(BIN)/python -m benchmarks.transfer peg-in-hole
 
 constraints:  ## resolve the dependencies anew in a throw-away environment and freeze them
 	rm -rf build/constraints && $(PYTHON) -m venv build/constraints

@@ -141,8 +141,8 @@ def _sweeps(study: Study, sweeps: Mapping[tuple[str, str, int], Swept]) -> list[
     lines = [
         "## Beyond the paper's scenarios, without transfer",
         "",
-        "Area under the success curve (1 is success everywhere), mean over the seeds; the figures show the gain "
-        "policies of the first seed.",
+        "Area under the success curve (1 is success everywhere), mean over the seeds for gain actions, of the first "
+        "seed for force actions; the figures show the gain policies of the first seed.",
         "",
     ]
     for action in ("gain", "force"):

@@ -63,10 +63,8 @@ def episode(scenario: str, which: str, *, action: str = "gain", count: int = 10)
 
 @given(scenarios)
 def test_the_name_of_a_scenario_can_be_read_back(scenario: PegScenario) -> None:
-    again = as_scenario(scenario.name)
+    assert as_scenario(scenario.name) == scenario
     assert as_scenario(scenario) is scenario
-    for name in LIMITS:
-        assert getattr(again, name) == pytest.approx(getattr(scenario, name), rel=1e-8)
     assert scenario.description
 
 
@@ -76,9 +74,9 @@ def test_known_scenarios_keep_their_names() -> None:
         assert as_scenario(name) == scenario
         assert scenario.name == name
     assert SCENARIOS["train"] == PegScenario() == as_scenario("tilt=-2")
-    assert SCENARIOS["train"].description == "tilt -2°"
+    assert SCENARIOS["train"].description == "tilt −2 deg, scale 1"
     assert as_scenario(" friction = .1, tilt=-3 ").name == "tilt=-3,friction=0.1"
-    assert as_scenario("tilt=-3,clearance=20").description == "tilt -3 deg, clearance 20 µm"
+    assert as_scenario("tilt=-3,clearance=20").description == "tilt −3 deg, clearance 20 µm"
 
 
 @pytest.mark.parametrize(
@@ -239,6 +237,9 @@ def test_outcome_reports_the_end_of_an_episode() -> None:
     np.testing.assert_allclose(info["score"], task.score(path[:-1]), rtol=1e-12)
     assert not info["stopped"].any()
     assert (info["peak_force"] > 0.0).all()
+    simulation = task.simulation(3)
+    simulation.stopped[1] = True  # a peg that had to be halted has not been inserted
+    np.testing.assert_array_equal(task.outcome(simulation, path[-1])["success"], [True, False, True])
 
 
 @given(rows=arrays(np.float64, (20, 12), elements=st.floats(-0.2, 0.2)), grow=st.floats(1.0, 4.0))

@@ -16,7 +16,7 @@ from vic_toolbox.tasks.peg_in_hole import PegInHole
 from vic_toolbox.tasks.peg_picture import SEGMENTS, picture_spec, revolve
 from vic_toolbox.tasks.peg_scene import CHAMFER, HOLE_RADIUS, PegScenario
 
-SCENARIOS = [PegScenario(), PegScenario(tilt=-6), PegScenario(scale=0.3, clearance=45), PegScenario(scale=10)]
+SCENARIOS = [PegScenario(), PegScenario(tilt=-6), PegScenario(scale=0.3, clearance=45), PegScenario(scale=3)]
 
 
 def opengl_works() -> bool:

@@ -175,6 +175,7 @@ def test_contact_force_holds_what_presses_on_the_block() -> None:
     simulation.step(3000)
     pressed = 8.0 + 450.0 * simulation.observe()[0, 2]
     assert simulation.contact_force[0] == pytest.approx(pressed, rel=0.01)
+    assert abs(simulation.qpos[0, 2] - peg_scene.TIP_DISTANCE) < 0.1e-6  # the block does not give way
     assert simulation.peak_force[0] >= simulation.contact_force[0]
     simulation.reset(HIGH, (1.0, 0.0, 0.0, 0.0))
     assert simulation.peak_force[0] == 0.0
@@ -215,7 +216,7 @@ def test_a_peg_that_starts_out_of_order_stays_where_it_was_put() -> None:
     assert observed[1, 0] == 5.0
 
 
-@pytest.mark.parametrize("extreme", ["scale=10,tilt=30,offset=10", "scale=0.1,tilt=-30", "tilt=30,offset=10"])
+@pytest.mark.parametrize("extreme", ["scale=3,tilt=30,offset=10", "scale=0.2,tilt=-30", "tilt=30,offset=10"])
 def test_no_scenario_begins_in_a_protective_stop(extreme: str) -> None:
     environment = tasks.VectorEnvironment(PegInHole(scenario=extreme), 3)
     environment.reset(seed=0, options={"start_noise": 10.0})

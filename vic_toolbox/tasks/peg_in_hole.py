@@ -10,9 +10,9 @@ the last few of them. There are two action spaces:
 In both the law adds the same fixed damping at its own rate.
 
 A lateral error settles in :math:`B_x/K_x` = 20 ms, a rotation in :math:`B_r/K_r` = 150 ms. A constant stiffness
-therefore swings the tip off the axis while the peg turns upright, by up to 1.2 mm from 6°; pressed down with
-10 N, friction then holds it on the block beside the mouth. What solves the task is a tip that stays still: a
-stiff tip, seen from the centre of mass (docs/reproduction.md).
+therefore swings the tip off the axis while the peg turns upright, by up to 1.4 mm from 2° and 4.3 mm from 6°;
+pressed down with 10 N, friction then holds it on the block beside the mouth. What solves the task is a tip that
+stays still: a stiff tip, seen from the centre of mass (docs/reproduction.md).
 
 References
 ----------
@@ -72,10 +72,11 @@ GAINS = DiagonalStiffness(
 CONSTANTS: Mapping[str, Array] = MappingProxyType({
     "constant": np.array(TIP_STIFFNESS),
     "middle": (GAINS.minimum + GAINS.maximum) / 2.0,
-    "matched": np.array([520.0, 520.0, 818.0, 12.0, 12.0, 12.0]),
+    "matched": np.array([*[DAMPING[0] * TIP_STIFFNESS[3] / DAMPING[3]] * 2, *TIP_STIFFNESS[2:]]),
 })  # fmt: skip
-"""Constant-gain baselines: K_tip at the centre of mass, the middle of the range, and the gains whose time constants
-B/K agree, so that the tip stays still while the peg turns."""
+"""Constant-gain baselines: K_tip at the centre of mass, the middle of the range, and K_tip with the lateral stiffness
+(400 N/m) at which the time constants B/K of shift and rotation agree, so that the tip stays still while the peg turns.
+"""
 
 WRENCH_UNIT = np.array([0.25, 0.25, 2.5, 0.05, 0.05, 0.05])
 """Wrench that a force action of 1 stands for [N, Nm]: about the root mean square of the expert's."""

@@ -64,16 +64,20 @@ class PegScenario:
             value = finite_number(field.name, getattr(self, field.name))
             if not low <= value <= high:
                 received = f"{value:g} {UNITS[field.name]}".strip()
-                raise InputError(f"{field.name} is {received}; it must be within [{low:g}, {high:g}].")
+                raise InputError(
+                    f"{field.name} is {received}; it must be within [{low:g}, {high:g}]{WHY[field.name]}."
+                )
             object.__setattr__(self, field.name, value)
 
     @property
     def name(self) -> str:
         """What differs from the training scenario, e.g. ``tilt=-6,scale=0.5``; without a difference ``train``."""
-        own = {field.name: (getattr(self, field.name), field.default) for field in fields(self)}
-        return (
-            ",".join(f"{key}={value:.9g}" for key, (value, usual) in own.items() if value != usual) or "train"
+        changed = (
+            f"{field.name}={getattr(self, field.name)!r}".removesuffix(".0")
+            for field in fields(self)
+            if getattr(self, field.name) != field.default
         )
+        return ",".join(changed) or "train"
 
     @property
     def description(self) -> str:
@@ -92,12 +96,19 @@ class PegScenario:
 UNITS = MappingProxyType({"tilt": "deg", "scale": "", "offset": "mm", "friction": "", "clearance": "µm"})
 LIMITS: Mapping[str, tuple[float, float]] = MappingProxyType({
     "tilt": (-30.0, 30.0),
-    "scale": (0.1, 10.0),
+    "scale": (0.2, 3.0),
     "offset": (-10.0, 10.0),
     "friction": (0.0, 2.0),
     "clearance": (1.0, 1000.0),
 })  # fmt: skip
 """Range of each quantity; below it a value has the wrong unit, or the peg would be wider than the hole."""
+
+WHY = MappingProxyType({
+    "tilt": "", "offset": "", "friction": "",
+    "scale": ": with the same gains a much larger or smaller part cannot be inserted in time",
+    "clearance": ": without any the peg is wider than the hole",
+})  # fmt: skip
+"""What lies beyond the range, for messages."""
 
 SCENARIO_HELP = '"tilt=-4,scale=0.5,offset=0.3,friction=0.2,clearance=15" [deg, 1, mm, 1, µm], any of them'
 
