@@ -7,7 +7,19 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.gain_data import NOISE, clock, diagonal, diagonals, full, recorded, relative_rms, rich_motion
+from tests.gain_data import (
+    MASS,
+    NOISE,
+    STIFFNESS,
+    clock,
+    diagonal,
+    diagonals,
+    full,
+    reach,
+    recorded,
+    relative_rms,
+    rich_motion,
+)
 from vic_toolbox.errors import Array, InputError
 from vic_toolbox.estimation import GainEstimate, fit_smooth
 from vic_toolbox.estimation.cones import clarabel_installed
@@ -190,6 +202,40 @@ def test_reaching_does_not_identify_damping():
     )
     assert tied.observable.mean() > 0.8
     assert tied.parameters["damping_factor"] == pytest.approx([3.0, 0.4], rel=0.15)
+
+
+def test_a_straight_line_costs_nothing():
+    """Coefficients of a straight line lie on one, up to the ends: the penalty leaves it alone."""
+    basis = Basis(2.0, 5.0, 12)
+    t = np.linspace(2.0, 5.0, 400)
+    first, values = basis(t)
+    design = np.zeros((len(t), basis.size))
+    np.put_along_axis(design, first[:, None] + np.arange(values.shape[1]), values, axis=1)
+    line = np.linalg.lstsq(design, 3.0 - 0.7 * t, rcond=None)[0]
+    assert np.abs(np.diff(line, 2)).max() < 1e-12
+
+
+@pytest.mark.parametrize("share", [0.0, 0.2, 0.8])
+def test_bands_hold_over_a_reach(share):
+    """One reach while the spring gets softer, a badly conditioned fit: what is shown is inside its band."""
+    t = clock(2.0)
+    e, v = reach(t)
+    softer = STIFFNESS * (1 + share / 2 - share * t / t[-1])[:, None]
+    damping = 1.4 * np.sqrt(softer * MASS)
+    inside, wrong = [], []
+    for seed in range(4):
+        noisy = recorded(t, e, v, softer * e + damping * v, noise=1.0, rng=np.random.default_rng(seed))
+        found = fit_smooth(noisy)
+        true = truth(found, softer)
+        off, sd = diagonals(found.stiffness) - true, diagonals(found.stiffness_sd)
+        shown = np.isfinite(off)
+        inside.append(np.abs(off[shown]) < 2.6 * sd[shown])
+        wrong.append(off[shown] / true[shown])
+    assert np.mean(np.concatenate(inside)) > 0.85
+    assert np.sqrt(np.mean(np.concatenate(wrong) ** 2)) < 0.05
+    exact = fit_smooth(recorded(t, e, v, softer * e + damping * v))
+    off = diagonals(exact.stiffness) / truth(exact, softer) - 1
+    assert np.sqrt(np.nanmean(off**2)) < 0.03
 
 
 def test_rest_in_the_middle_is_a_gap():

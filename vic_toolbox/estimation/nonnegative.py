@@ -20,6 +20,8 @@ from vic_toolbox.estimation.cones import FitError
 PATIENCE = 3
 """Exchanges of everything without progress before only one unknown changes sides."""
 ITERATIONS = 500
+ROUNDING = 1e-9
+"""Of the solution and of the multipliers, relative to the largest of them."""
 
 
 def nonnegative(h: sparse.csc_matrix, b: Array, bounded: NDArray[np.bool_]) -> Array:
@@ -41,7 +43,6 @@ def nonnegative(h: sparse.csc_matrix, b: Array, bounded: NDArray[np.bool_]) -> A
     size = np.sqrt(np.maximum(h.diagonal(), 1e-300))
     scaled = sparse.csc_matrix(sparse.diags(1 / size) @ h @ sparse.diags(1 / size))
     right = b / size
-    rounding = 1e-12 * max(float(np.abs(right).max(initial=0.0)), 1e-300)
     free = np.ones(len(b), dtype=bool)
     fewest, patience = len(b) + 1, PATIENCE
     for _ in range(ITERATIONS):
@@ -50,7 +51,9 @@ def nonnegative(h: sparse.csc_matrix, b: Array, bounded: NDArray[np.bool_]) -> A
         if len(inside):
             x[inside] = splu(scaled[inside][:, inside].tocsc()).solve(right[inside])
         y = scaled @ x - right
-        wrong = bounded & np.where(free, x < -rounding, y < -rounding)
+        # what is smaller than the solution's rounding has no sign
+        limit = [ROUNDING * max(float(np.abs(z).max(initial=0.0)), 1e-300) for z in (x, right)]
+        wrong = bounded & np.where(free, x < -limit[0], y < -limit[1])
         count = int(wrong.sum())
         if count == 0:
             return np.where(bounded, np.maximum(x, 0.0), x) / size

@@ -156,10 +156,25 @@ class Problem:
                 return None
             beta = inverse @ (self.border_right - columns[:, 1:].T @ c)
             c = c - z @ beta
-        least = self.squares - columns[:, 0] @ c - self.border_right @ beta
-        return Solution(
-            c.reshape(m, q), beta, inverse, z, logdet, max(float(least), self.resolution**2 * self.squares)
-        )
+        c = c.reshape(m, q)
+        least = max(self.objective(logarithms, c, beta), self.resolution**2 * self.squares)
+        return Solution(c, beta, inverse, z, logdet, least)
+
+    def objective(self, logarithms: Array, c: Array, beta: Array) -> float:
+        """The penalised sum of squares at coefficients (m, q) and (r,).
+
+        Written out, because rounding in the coefficients then enters squared; ``y² − right · c``, which is the same
+        at the minimum, is off by rounding times the penalty.
+        """
+        m, _ = self.size
+        quadratic = float(np.einsum("ja,jab,jb->", c, self.gram[0], c))
+        for d in range(1, min(self.gram.shape[0], m)):
+            quadratic += 2 * float(np.einsum("ja,jab,jb->", c[: m - d], self.gram[d, : m - d], c[d:]))
+        pull = self.border.reshape(c.size, -1).T @ c.reshape(-1)
+        fitted = quadratic + float(beta @ (2 * pull + self.corner @ beta))
+        bends = np.sum(np.diff(c, ORDER, axis=0) ** 2, axis=0) if m > ORDER else np.zeros(c.shape[1])
+        explained = float(np.sum(self.right * c) + self.border_right @ beta)
+        return self.squares - 2 * explained + fitted + float(bends @ np.exp(logarithms)[self.groups])
 
     def reml(self, logarithms: Array) -> float:
         """V(λ), the smaller the likelier; infinite where it is not defined."""

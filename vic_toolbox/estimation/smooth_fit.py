@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from vic_toolbox.errors import Array
 from vic_toolbox.estimation.nonnegative import nonnegative, nonnegative_casadi
-from vic_toolbox.estimation.penalised import LOG_RANGE, Problem, Solution, pointwise
+from vic_toolbox.estimation.penalised import Problem, Solution, pointwise
 from vic_toolbox.estimation.samples import Samples, root_mean_square
 from vic_toolbox.estimation.splines import Basis, NormalEquations, normal_equations
 
@@ -20,8 +20,6 @@ HUBER = 1.345
 """Residual, in standard deviations, beyond which Huber's loss is linear (95 % efficient for Gaussian noise)."""
 NOISELESS = 1e-5
 """Noise relative to the wrench below which rounding matters and the solution is refined on the samples."""
-UNNEEDED = 14.0
-"""By how much log λ is lowered without noise: rounding hides a penalty that REML would see as too large."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,9 +117,6 @@ class SmoothModel:
         solutions = [self.solved(p, log) for p, log in zip(problems, logs, strict=True)]
         found = np.sqrt([p.noise_variance(s) for p, s in zip(problems, solutions, strict=True)])
         exact = found < NOISELESS * root_mean_square(np.concatenate([p.wrench for p in self.parts]))
-        if exact.any():
-            logs = [log - UNNEEDED * none for log, none in zip(logs, exact, strict=True)]
-            solutions = [self.solved(p, log) for p, log in zip(problems, logs, strict=True)]
         fit = self._assembled(problems, solutions, logs, found if noise is None else noise, weight)
         if exact.any():
             fit = self._refined(fit)
@@ -155,17 +150,18 @@ class SmoothModel:
         return bias, sd * noise
 
     def _refined(self, fit: SmoothFit) -> SmoothFit:
-        """Correct rounding: residuals taken sample by sample, then the same equations once more."""
+        """Residuals taken sample by sample, then the same equations for what is left, with their penalty on that alone.
+
+        Without noise this removes rounding and, where the data are strong, the penalty's bias (iterated Tikhonov
+        regularisation); where they say nothing, the gains stay as smooth as they were.
+        """
         for _ in range(3):
             again = self.equations(fit.weight, self.residuals(fit))
             problems = [Problem.of(again, i, self.groups) for i in range(len(fit.problems))]
             fit = dataclasses.replace(
                 fit,
                 solutions=[
-                    corrected(old, new, s, log)
-                    for old, new, s, log in zip(
-                        fit.problems, problems, fit.solutions, fit.logarithms, strict=True
-                    )
+                    corrected(*parts) for parts in zip(problems, fit.solutions, fit.logarithms, strict=True)
                 ],
             )
         bias, _ = self._biases(fit.problems, fit.solutions, fit.noise)
@@ -261,16 +257,9 @@ class SmoothModel:
         return sd[..., 0], sd[..., 1]
 
 
-def corrected(problem: Problem, remainder: Problem, solution: Solution, logarithms: Array) -> Solution:
+def corrected(remainder: Problem, solution: Solution, logarithms: Array) -> Solution:
     """One step of refinement: `remainder` holds the right-hand sides that the residuals make."""
-    m, q = problem.size
-    total = np.concatenate([solution.coefficients.reshape(-1), solution.beta])
-    data_only = dataclasses.replace(problem, gram=problem.gram)
-    penalty = problem.matrix(logarithms) - data_only.matrix(np.full_like(logarithms, LOG_RANGE[0]))
-    gradient = remainder.target - penalty @ total
-    step = dataclasses.replace(
-        problem, right=gradient[: m * q].reshape(m, q), border_right=gradient[m * q :]
-    ).solve(logarithms)
+    step = remainder.solve(logarithms)
     if step is None:
         return solution
     return dataclasses.replace(

@@ -92,7 +92,7 @@ class FullModel(SmoothModel):
     def _refined(self, fit: SmoothFit) -> SmoothFit:
         for _ in range(2):
             again = self.problem(self.equations(fit.weight, self.residuals(fit)), self.weight)
-            solution = corrected(fit.problems[0], again, fit.solutions[0], fit.logarithms[0])
+            solution = corrected(again, fit.solutions[0], fit.logarithms[0])
             bias, _ = self._biases(fit.problems, [solution], fit.noise)
             fit = dataclasses.replace(fit, solutions=[solution], bias=bias)
         return fit

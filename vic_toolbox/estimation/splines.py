@@ -58,8 +58,10 @@ class Basis:
         """First active coefficient (n,) and the values of the active functions (n, degree + 1); held outside."""
         if not self.intervals:
             return np.zeros(len(t), np.intp), np.ones((len(t), 1))
+        # evenly spaced beyond the ends as well, so that the coefficients of a straight line are one themselves
         inner = np.linspace(self.start, self.stop, self.intervals + 1)
-        knots = np.concatenate([[self.start] * DEGREE, inner, [self.stop] * DEGREE])
+        outer = np.arange(1, DEGREE + 1) * (self.stop - self.start) / self.intervals
+        knots = np.concatenate([self.start - outer[::-1], inner, self.stop + outer])
         matrix: Any = BSpline.design_matrix(np.clip(t, self.start, self.stop), knots, DEGREE)
         return matrix.indices[:: DEGREE + 1].astype(np.intp), matrix.data.reshape(-1, DEGREE + 1)
 
