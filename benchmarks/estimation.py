@@ -8,7 +8,6 @@ known answer for every trap, and speed on one thread. Ratios are taken in one ru
 from __future__ import annotations
 
 import json
-import resource
 import subprocess
 import sys
 import tempfile
@@ -206,6 +205,8 @@ def ten_minutes() -> dict[str, float]:
 
 
 def long_fit(path: Path) -> dict[str, float]:
+    import resource  # not on Windows, where the rest runs
+
     with threadpool_limits(1):
         start = time.perf_counter()
         found = fit_smooth(recordings.read(path))

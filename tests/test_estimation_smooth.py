@@ -23,7 +23,9 @@ from tests.gain_data import (
 from vic_toolbox.errors import Array, InputError
 from vic_toolbox.estimation import GainEstimate, fit_smooth
 from vic_toolbox.estimation.cones import clarabel_installed
-from vic_toolbox.estimation.penalised import Problem, pointwise, second_differences
+from vic_toolbox.estimation.penalised import Problem, log_determinant, pointwise, squared_differences
+from vic_toolbox.estimation.samples import pooled
+from vic_toolbox.estimation.smooth_fit import SmoothModel
 from vic_toolbox.estimation.splines import Basis, normal_equations
 from vic_toolbox.gains import ImpedanceGains
 
@@ -86,8 +88,22 @@ def test_banded_algebra_equals_dense(seed: int, spacing: float | None, splines: 
     assert problem.effective(logs, found) == pytest.approx(trace, rel=1e-6)
 
 
+@pytest.mark.parametrize("order", [2, 3])
+def test_determinant_of_the_differences(order: int):
+    d = np.diff(np.eye(20), order, axis=0)
+    assert log_determinant(20, order) == pytest.approx(np.linalg.slogdet(d @ d.T)[1])
+
+
+@pytest.mark.parametrize(("profile", "order"), [("smooth", 3), ("steps", 2), ("constant", 2)])
+def test_the_likelier_order_of_differences_is_taken(profile: str, order: int):
+    """Sines are smoother than what second differences expect, steps are rougher than third ones do."""
+    parts = pooled(diagonal(5, profile=profile).recording)
+    model = SmoothModel(Basis.spaced(0.0, parts[0].time[-1], 0.1), parts, bias=False)
+    assert [problem.order for problem in model.fit(noise=None).problems] == [order] * 6
+
+
 def test_straight_lines_cost_nothing():
-    bands = second_differences(9)
+    bands = squared_differences(9)
     penalty = np.diag(bands[0]) + sum(np.diag(bands[d, :-d], d) + np.diag(bands[d, :-d], -d) for d in (1, 2))
     line = np.arange(9.0)
     np.testing.assert_allclose(penalty @ line, 0, atol=1e-12)
@@ -269,7 +285,7 @@ def test_correlated_residuals_widen_the_bands():
 
 
 def test_constraint_holds_at_every_instant_and_equals_casadi():
-    """Gains that would dip below zero are held above; pivoting and CasADi agree."""
+    """Gains that would dip below zero are held above; projected Newton and CasADi agree."""
     t = clock(3.0)
     e, v = rich_motion(t, np.random.default_rng(2))
     stiffness = 300 + 400 * np.cos(2 * np.pi * 0.7 * t)[:, None] * np.ones(6)
@@ -388,6 +404,20 @@ def test_tied_damping_attractor_and_latency_at_once():
         assert (np.abs(p[name] - true) < 5 * p[f"{name}_sd"]).all()
     ratio = np.sqrt(np.mean(wrong[0] ** 2, axis=0) / np.mean(diagonals(found.stiffness_sd) ** 2, axis=0))
     assert ratio.max() < 2
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3])
+@pytest.mark.parametrize(
+    "options", [{"structure": "damping_factor"}, {"structure": "damping_factor", "latency": True}]
+)
+def test_the_joint_program_is_exact_without_noise(share: float, options: dict):
+    t = clock(3.0)
+    e, v = rich_motion(t, np.random.default_rng(3))
+    k = STIFFNESS * (1 + share * np.sin(t))[:, None]
+    found = fit_smooth(recorded(t, e, v, k * e + 3 * np.sqrt(k) * v), 0.3, **options)
+    assert found.observable.all()
+    assert found.parameters["damping_factor"] == pytest.approx([3.0, 3.0], rel=1e-4)
+    np.testing.assert_allclose(diagonals(found.stiffness), truth(found, k), rtol=1e-3)
 
 
 def test_attractor_with_free_damping():

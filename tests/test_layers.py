@@ -40,6 +40,7 @@ ROWS = {
     "stability": row(2, "control", "cvxpy"),
     "tasks": row(3, "mujoco", "gymnasium", "imageio", "imageio_ffmpeg"),
     "learning": row(4, "torch", "safetensors", "threadpoolctl"),
+    "twin": row(4),
     "experiments": row(5, "joblib", "matplotlib", "mpl_toolkits", "ray", "rich"),
     "cli": row(6, "tyro"),
     "__main__": row(7),

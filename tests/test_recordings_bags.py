@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import sqlite3
 import struct
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -9,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import zstandard
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from mcap.writer import CompressionType
@@ -367,7 +370,7 @@ def test_clocks_that_never_meet_are_told(tmp_path: Path):
 
 def test_a_chunk_that_unpacks_to_too_much_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     paths = [WRITERS[kind](tmp_path / kind) for kind in ("ros1-bz2", "ros1-lz4", "mcap-lz4", "mcap-zstd")]
-    monkeypatch.setattr("vic_toolbox.recordings.bags.LARGEST_CHUNK", 1000)
+    monkeypatch.setattr("vic_toolbox.recordings.containers.LARGEST_CHUNK", 1000)
     for path in paths:
         with pytest.raises(FileError, match="unpacks to more than"):
             read(path)
@@ -389,41 +392,94 @@ def test_definitions_in_a_bag_are_not_compiled(tmp_path: Path, monkeypatch: pyte
     assert not Path("exploited").exists()
 
 
-def test_compressed_files_of_a_folder_are_refused(tmp_path: Path):
-    folder = write_ros2(tmp_path / "a", messages(ROS2), StoragePlugin.SQLITE3, CompressionMode.FILE)
-    with pytest.raises(FileError, match="unpack them first"):
-        read(folder)
+@pytest.mark.parametrize("mode", [CompressionMode.FILE, CompressionMode.MESSAGE])
+@pytest.mark.parametrize("plugin", [StoragePlugin.SQLITE3, StoragePlugin.MCAP])
+def test_compressed_bags_of_ros2_are_read(tmp_path: Path, plugin: StoragePlugin, mode: CompressionMode):
+    """Files and messages compressed with Zstandard, in a folder or the one file of it alone."""
+    if plugin is StoragePlugin.MCAP and mode is CompressionMode.MESSAGE:
+        mode = CompressionMode.STORAGE  # chunks
+    folder = write_ros2(tmp_path / "a", messages(ROS2), plugin, mode)
+    (file,) = (path for path in folder.iterdir() if path.suffix != ".yaml")
+    for path in (folder, file):
+        np.testing.assert_array_equal(read(path).wrench, GOOD.wrench)
 
 
-def test_hostile_metadata(tmp_path: Path):
+@pytest.mark.parametrize("plugin", [StoragePlugin.SQLITE3, StoragePlugin.MCAP])
+def test_parts_of_a_folder_go_by_their_numbers(tmp_path: Path, plugin: StoragePlugin):
+    """The second file of a bag comes before the tenth, and the metadata need not be there."""
+    whole, found = tmp_path / "whole", messages(ROS2)
+    whole.mkdir()
+    for number in range(11):
+        part = found[number * len(found) // 11 : (number + 1) * len(found) // 11]
+        folder = write_ros2(tmp_path / str(number), part, plugin)
+        (file,) = (path for path in folder.iterdir() if path.suffix != ".yaml")
+        file.rename(whole / f"bag_{number}{file.suffix}")
+    np.testing.assert_array_equal(read(whole, stamps="arrival").wrench, GOOD.wrench)
+
+
+def test_metadata_is_not_believed(tmp_path: Path):
     folder = write_ros2(tmp_path / "a", messages(ROS2), StoragePlugin.SQLITE3)
-    metadata = folder / "metadata.yaml"
-    good = metadata.read_text()
-    for text in (
-        "",
-        "a: [",
-        "!!python/object/apply:os.system ['touch exploited']",
-        "rosbag2_bagfile_information: 3",
-        good.replace("a.db3", "../../../etc/passwd"),
-        good.replace("sqlite3", "pickle"),
-        "\0",
-    ):
-        metadata.write_text(text)
-        message = outcome(folder)
-        assert "cannot be read as a bag" in message
-        assert "\n" not in message
+    for text in ("", "a: [", "!!python/object/apply:os.system ['touch exploited']", "\0"):
+        (folder / "metadata.yaml").write_text(text)
+        np.testing.assert_array_equal(read(folder).wrench, GOOD.wrench)
     assert not list(tmp_path.rglob("exploited"))
 
 
-def test_a_database_that_is_no_bag(tmp_path: Path):
-    import sqlite3
+@pytest.mark.parametrize("name", ["50 %41 #1?.db3", "a b.sqlite"])
+def test_any_name_of_a_database_will_do(tmp_path: Path, name: str):
+    folder = write_ros2(tmp_path / "a", messages(ROS2), StoragePlugin.SQLITE3)
+    np.testing.assert_array_equal(read((folder / "a.db3").rename(tmp_path / name)).wrench, GOOD.wrench)
 
-    for name, message in (("a.db3", "cannot be read as a bag"), ("a.sqlite", "rename it")):
-        with sqlite3.connect(tmp_path / name) as connection:
-            connection.execute("create table topics(id int)")
-        connection.close()
-        with pytest.raises(FileError, match=message):
-            read(tmp_path / name)
+
+ENDLESS = """
+alter table messages rename to kept;
+create view messages as with recursive n(id) as (select 1 union all select id + 1 from n)
+    select id, 1 as topic_id, id as timestamp, zeroblob(100) as data from n;
+"""
+COMPUTED = """
+drop table messages;
+create table messages(id integer primary key, topic_id, timestamp,
+    data blob generated always as (zeroblob(900000000)) virtual);
+insert into messages(topic_id, timestamp) select id, id from topics;
+"""
+
+
+@pytest.mark.parametrize(
+    ("script", "message"),
+    [
+        ("drop table topics", "no table topics"),
+        (ENDLESS, "no table messages"),
+        (COMPUTED, "too big"),
+        ("update messages set data = 'text'", "holds no bytes"),
+        ("update messages set timestamp = 'now'", "or no time"),
+        ("update messages set data = x'28b52ffd'", "is damaged"),
+        ("update topics set name = 'a' || char(10)", "a\\\\n"),
+    ],
+)
+def test_hostile_databases(tmp_path: Path, script: str, message: str):
+    folder = write_ros2(tmp_path / "a", messages(ROS2), StoragePlugin.SQLITE3)
+    with contextlib.closing(sqlite3.connect(folder / "a.db3")) as database:
+        database.executescript(script)
+    with pytest.raises((FileError, InputError), match=message) as caught:
+        read(folder)
+    assert "\n" not in str(caught.value)
+    assert str(folder) in str(caught.value)
+
+
+def test_zstandard_that_unpacks_to_too_much(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """A small file, or message, that is gigabytes when unpacked."""
+    bomb = zstandard.compress(bytes(1 << 22))
+    monkeypatch.setattr("vic_toolbox.recordings.containers.LARGEST_BYTES", 1 << 20)
+    monkeypatch.setattr("vic_toolbox.recordings.containers.LARGEST_CHUNK", 1 << 20)
+    (tmp_path / "a.db3.zstd").write_bytes(bomb)
+    with pytest.raises(FileError, match="too much for one recording"):
+        read(tmp_path / "a.db3.zstd")
+    folder = write_ros2(tmp_path / "a", messages(ROS2), StoragePlugin.SQLITE3)
+    with contextlib.closing(sqlite3.connect(folder / "a.db3")) as database:
+        database.execute("update messages set data = ?", [bomb])
+        database.commit()
+    with pytest.raises(FileError, match="unpacks to more than"):
+        read(folder)
 
 
 @pytest.fixture(scope="module")

@@ -77,7 +77,7 @@ def test_a_log_with_errors_is_told_and_drawn(log: Path, capsys: pytest.CaptureFi
         (b"\x89HDF\r\n\x1a\nnonsense", (), "cannot be read as HDF5"),
         (b"#ROSBAG V2.0\n", (), "cannot be read as a bag"),
         (b"\x89MCAP0\r\n", (), "cannot be read as a bag"),
-        (b"SQLite format 3\0", (), "rename it"),
+        (b"SQLite format 3\0", (), "cannot be read as a bag"),
         (b"PK\x03\x04", (), "cannot be read as npz"),
         (b"a,b\n1,2\n", (), "no column was recognised as wrench"),
         (b"a,b\n1,2\n", ("--out", "figure.jpg"), "is no figure"),

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import io
+import os
+import tracemalloc
+import warnings
 import zipfile
 from pathlib import Path
 
@@ -403,6 +406,68 @@ def test_hdf5_does_not_reach_out_of_its_file(tmp_path: Path):
         file.create_dataset("fx", shape=(300,), dtype="f8", external=[(str(secret), 0, 2400)])
     with pytest.raises(FileError, match="holds no arrays of numbers"):
         read(tmp_path / "a.h5")
+
+
+def test_groups_of_hdf5_that_contain_each_other(tmp_path: Path):
+    """Hard links in a circle: eight groups in each other make 8¹⁶ paths."""
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        groups = [
+            file.create_group(name)
+            for name in ["robot", "arm", "tool", "base", "world", "sensor", "data", "state"]
+        ]
+        for group in groups:
+            for other in (*groups, file):
+                group[f"to{other.name}".replace("/", "_")] = other
+        for name, array in arrays_of(GOOD).items():
+            if array.dtype.kind == "f":
+                groups[0][name] = array
+    assert same(read(tmp_path / "a.h5"))
+
+
+def test_every_error_names_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    columns = columns_of(GOOD)
+    path = write_table(tmp_path / "nan.csv", columns | {"fx": np.full(len(GOOD), np.nan)})
+    with pytest.raises(InputError, match=r"nan\.csv: no sample is left"):
+        read(path, repair=True)
+    monkeypatch.setattr(np, "loadtxt", lambda *_, **__: (_ for _ in ()).throw(MemoryError))
+    with pytest.raises(FileError, match=r"nan\.csv does not fit into memory"):
+        read(path)
+
+
+def test_a_small_table_takes_little_memory(tmp_path: Path):
+    """The rows that a file could hold at most are not allocated beforehand."""
+    tracemalloc.start()
+    read(write_table(tmp_path / "a.csv", columns_of(GOOD)))
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 50e6
+
+
+@pytest.mark.parametrize("value", [1e308, -1e200, np.inf])
+def test_absurd_numbers_are_findings_and_no_warnings(tmp_path: Path, value: float):
+    from vic_toolbox.spatial import pose_from, quat_wxyz_to_rotation
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for name in ("t", "fx", "x", "qw", "x_des"):
+            columns = {n: column.copy() for n, column in columns_of(GOOD).items()}
+            columns[name][[3, 4]] = value, -value
+            recording = read(write_table(tmp_path / f"{name}.csv", columns))
+            assert recording.findings[0].severity == "error"
+            assert str(len(recording)) in repr(recording)
+            assert len(recording.plot().axes) == 6
+        pose = pose_from(GOOD.position, quat_wxyz_to_rotation(GOOD.quat_wxyz))
+        pose[5, 0, 0] = value
+        np.savez(tmp_path / "a.npz", time=GOOD.time, wrench=GOOD.wrench, pose=pose, pose_desired=pose)
+        with pytest.raises(FileError, match="holds no poses"):
+            read(tmp_path / "a.npz")
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no named pipes here")
+def test_pipes_are_refused_at_once(tmp_path: Path):
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(FileError, match="a device or a pipe"):
+        read(tmp_path / "pipe")
 
 
 # --- damage at random ----------------------------------------------------------------------------------------

@@ -7,9 +7,11 @@ from __future__ import annotations
 
 from typing import Protocol
 
+from vic_toolbox.cli.fit import Fit
 from vic_toolbox.cli.learning import Demo, Train, Transfer
 from vic_toolbox.cli.looking import Evaluate, Play, Robots, Tasks
 from vic_toolbox.cli.recording import Recording
+from vic_toolbox.cli.twin import Twin
 
 
 class Command(Protocol):
@@ -27,6 +29,8 @@ COMMANDS: dict[str, type[Command]] = {
     "evaluate": Evaluate,
     "play": Play,
     "recording": Recording,
+    "fit": Fit,
+    "twin": Twin,
     "robots": Robots,
     "tasks": Tasks,
 }

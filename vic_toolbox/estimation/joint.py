@@ -27,6 +27,8 @@ from vic_toolbox.estimation.splines import Basis
 
 ROUNDS = 12
 """Largest number of turns between the program and the smoothness."""
+LEAST_NOISE = 1e-3
+"""Residual, relative to the wrench, that counts as one at least: IPOPT does not resolve much more below it."""
 SETTLED = 0.1
 """Change of log λ below which a turn changes nothing."""
 
@@ -48,11 +50,11 @@ def fit_joint(
     x, logs, found, weight = _start(model, noise, robust=robust)
     for _ in range(ROUNDS):
         previous, before = logs, x.delay
-        x = model.solve(x, logs, weights(parts, found), weight)
+        x = model.solve(x, logs, weights(parts, found, least=LEAST_NOISE), weight)
         left = model.residuals(x)
         if robust:
             weight = robust_weights(left)
-        single, _ = model.linearised(x, weights(parts, found), weight)
+        single, _ = model.linearised(x, weights(parts, found, least=LEAST_NOISE), weight)
         logs = np.stack([p.smoothest(log) for p, log in zip(single, logs, strict=True)])
         if noise is None:
             found = robust_scale(left) if robust else _noise(single, logs, left)
@@ -104,7 +106,7 @@ def _estimate(
 ) -> GainEstimate:
     parts, basis = model.parts, model.basis
     left = model.residuals(x)
-    scale = weights(parts, noise)
+    scale = weights(parts, noise, least=LEAST_NOISE)
     _, problem = model.linearised(x, scale, weight)
     # λ of the joint problem counts residuals in units of the noise
     strengths = (logs - 2 * np.log(scale)[:, None]).reshape(-1)
@@ -130,14 +132,16 @@ def _estimate(
     constants = observability.constant_gains(moved, bias=model.bias)
     local = local_gains(moved, times, spacing, noise * np.sqrt(inflation))
     scales = local.scales(moved)
-    evidence = constants.evidence > observability.least_evidence(bias=model.bias)
-    share = [sd / scale for sd, scale in zip((local.stiffness_sd, local.damping_sd), scales, strict=True)]
+    share = [
+        sd / np.where(scale > 0, scale, 1e-300)
+        for sd, scale in zip((local.stiffness_sd, local.damping_sd), scales, strict=True)
+    ]
     if model.tied:  # either gain tells the other
         share = [np.minimum(*share)] * 2
     seen = []
     for gain, sd, scale, alone in zip((stiffness, damping), deviations, scales, share, strict=True):
         own = observability.determined(sd, np.maximum(scale, np.abs(gain).mean(axis=0)))
-        seen.append(own & (alone < observability.TOLERANCE) & evidence)
+        seen.append(own & (alone < observability.TOLERANCE) & constants.evident)
     if model.tied:
         seen = [seen[0] & seen[1]] * 2
     words = [name for name, _ in model.constants()] + ["robust"] * (weight is not None)
@@ -153,7 +157,7 @@ def _estimate(
         explained=observability.explained(parts, left),
         method=f"joint program, {basis.intervals} intervals: {', '.join(words)}",
         parameters=_parameters(model, x, solution, float(np.max(factor))),
-        warnings=observability.remedies(seen[0], seen[1], constants.evidence, bias=model.bias),
+        warnings=observability.remedies(seen[0], seen[1], constants.evident),
     )
 
 

@@ -1,10 +1,10 @@
-"""Strictly convex quadratic programs with x ≥ 0 on some unknowns: block principal pivoting.
+"""Strictly convex quadratic programs with x ≥ 0 on some unknowns: projected Newton.
 
     minimise ½ xᵀ H x − bᵀ x   such that   x_i ≥ 0 for i in `bounded`
 
-A guess of the active set gives x on the others and multipliers y = H x − b on itself; unknowns of the wrong sign
-change sides all at once, or only the last of them while that does not help (Portugal, Júdice and Vicente 1994). It
-ends after a finite number of sparse factorisations, usually three or four, at the exact solution.
+Unknowns at zero that the gradient holds there stay; Newton's step of the others is cut off at zero, and halved until
+the objective falls (Bertsekas 1982). Once the right ones are held the step is exact; it takes five to fifty
+sparse factorisations.
 """
 
 from __future__ import annotations
@@ -17,15 +17,21 @@ from scipy.sparse.linalg import splu
 from vic_toolbox.errors import Array
 from vic_toolbox.estimation.cones import FitError
 
-PATIENCE = 3
-"""Exchanges of everything without progress before only one unknown changes sides."""
 ITERATIONS = 500
+ROUNDING = 1e-11
+"""Gradient, relative to the largest entry of b, that has no sign."""
+STAGNANT = 1e-14
+"""Decrease of the objective, relative to it, that counts as none."""
+SOLVED = 1e-5
+"""How far a point that CasADi calls solved may be off, relative to its size and that of the gradient at zero."""
+PATIENCE = 20
+"""Steps in a row without a decrease after which rounding forbids a better point."""
 ROUNDING = 1e-9
 """Of the solution and of the multipliers, relative to the largest of them."""
 
 
 def nonnegative(h: sparse.csc_matrix, b: Array, bounded: NDArray[np.bool_]) -> Array:
-    """Solve the program by pivoting.
+    """Solve the program by projected Newton steps.
 
     Parameters
     ----------
@@ -43,27 +49,32 @@ def nonnegative(h: sparse.csc_matrix, b: Array, bounded: NDArray[np.bool_]) -> A
     size = np.sqrt(np.maximum(h.diagonal(), 1e-300))
     scaled = sparse.csc_matrix(sparse.diags(1 / size) @ h @ sparse.diags(1 / size))
     right = b / size
-    free = np.ones(len(b), dtype=bool)
-    fewest, patience = len(b) + 1, PATIENCE
+
+    def projected(point: Array) -> Array:
+        return np.where(bounded, np.maximum(point, 0.0), point)
+
+    def value(point: Array, slope: Array) -> float:
+        return 0.5 * float(point @ (slope - right))
+
+    x, gradient, idle = np.zeros(len(b)), -right, 0
+    rounding = ROUNDING * float(np.abs(right).max(initial=0.0))
     for _ in range(ITERATIONS):
-        x = np.zeros(len(b))
-        inside = np.flatnonzero(free)
-        if len(inside):
-            x[inside] = splu(scaled[inside][:, inside].tocsc()).solve(right[inside])
-        y = scaled @ x - right
-        # what is smaller than the solution's rounding has no sign
-        limit = [ROUNDING * max(float(np.abs(z).max(initial=0.0)), 1e-300) for z in (x, right)]
-        wrong = bounded & np.where(free, x < -limit[0], y < -limit[1])
-        count = int(wrong.sum())
-        if count == 0:
-            return np.where(bounded, np.maximum(x, 0.0), x) / size
-        if count < fewest:
-            fewest, patience = count, PATIENCE
-        elif patience > 0:
-            patience -= 1
-        else:
-            wrong[: np.flatnonzero(wrong)[-1]] = False
-        free ^= wrong
+        free = np.flatnonzero(~(bounded & (x <= 0) & (gradient >= 0)))
+        newton = np.zeros(len(b))
+        if len(free):
+            newton[free] = -splu(scaled[free][:, free].tocsc()).solve(gradient[free])
+        before, step = value(x, gradient), 1.0
+        while True:
+            trial = projected(x + step * newton)
+            slope = scaled @ trial - right
+            if value(trial, slope) <= before + 1e-4 * float(gradient @ (trial - x)) or step < 1e-12:
+                break
+            step /= 2
+        exact = step == 1 and not (bounded & (x + newton < 0)).any()
+        x, gradient, after = trial, slope, value(trial, slope)
+        idle = idle + 1 if before - after <= STAGNANT * abs(after) else 0
+        if idle > PATIENCE or (exact and not (bounded & (x <= 0) & (gradient < -rounding)).any()):
+            return x / size
     raise FitError("the non-negative fit found no end; ask for a coarser resolution (larger knots).")
 
 
@@ -86,6 +97,14 @@ def nonnegative_casadi(h: sparse.csc_matrix, b: Array, bounded: NDArray[np.bool_
     solver = casadi.conic("coefficients", "qrqp", pattern, options)
     largest = max(float(np.abs(b / size).max()), 1e-300)
     result = solver(h=matrix, g=-b / size / largest, lbx=np.where(bounded, 0.0, -np.inf), ubx=np.inf)
-    if not solver.stats()["success"]:
+    x = np.asarray(result["x"])[:, 0] * largest
+    # it has been seen to call a point solved that is none
+    gradient = scaled @ x - b / size
+    wrong = np.where(bounded & (x <= SOLVED * np.abs(x).max()), np.minimum(gradient, 0.0), gradient)
+    negative = np.where(bounded, np.minimum(x, 0.0), 0.0)
+    off = max(
+        float(np.abs(wrong).max()) / largest, float(np.abs(negative).max() / max(np.abs(x).max(), 1e-300))
+    )
+    if not solver.stats()["success"] or off > SOLVED:
         raise FitError("CasADi's qrqp stopped; choose solver='closed_form' or a coarser resolution.")
-    return np.asarray(result["x"])[:, 0] * largest / size
+    return x / size

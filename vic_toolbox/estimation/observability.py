@@ -8,9 +8,9 @@ A gain is *observable* at a time when three things hold.
    twentieth of the gain that would explain the axis' whole wrench, whichever is larger (so a gain that is known to
    be small is not refused).
 2. **Rank.** It follows from the data in floating point, even where there is no noise.
-3. **Evidence.** Over the recording, constant gains explain the axis' wrench better than a constant wrench does
-   (where a bias is fitted: :data:`BIASED_EVIDENCE` of its variance). If not, what looks like stiffness may as well
-   be the sensor's bias: a robot in free motion, a held push.
+3. **Evidence.** Over the recording, constant gains explain more of the axis' wrench than a constant wrench does, and
+   more than they would of noise (where a bias is fitted: :data:`BIASED_EVIDENCE` of its variance). If not, what looks
+   like stiffness may as well be the sensor's bias or its noise: a robot in free motion, a held push.
 """
 
 from __future__ import annotations
@@ -32,6 +32,8 @@ SMALL_SHARE = 0.05
 BIASED_EVIDENCE = 0.35
 """Least share of the wrench about its mean that constant gains have to explain where a bias is fitted as well: a
 sensor that drifts a little correlates with the motion a little."""
+CHANCE = 12.0
+"""By how many variances of the noise two gains explain more than a constant, before it is no chance (one in 400)."""
 
 
 def gain_scales(parts: Sequence[Samples], stiffness: Array, damping: Array) -> tuple[Array, Array]:
@@ -71,11 +73,6 @@ def typical(values: Array, deviations: Array) -> Array:
     )
 
 
-def least_evidence(*, bias: bool) -> float:
-    """Share of the wrench that constant gains have to exceed."""
-    return BIASED_EVIDENCE if bias else 0.0
-
-
 class Constants(NamedTuple):
     """What constant gains without constraints make of whole recordings, (6,) each.
 
@@ -83,13 +80,13 @@ class Constants(NamedTuple):
     ----------
     stiffness, damping : ndarray
         Diagonal of K and B; NaN where nothing moves.
-    evidence : ndarray
-        Share of each axis' wrench about its mean that they explain (centred r²), at most one.
+    evident : ndarray of bool
+        Whether they explain enough of each axis' wrench about its mean for a gain to be read from it.
     """
 
     stiffness: Array
     damping: Array
-    evidence: Array
+    evident: NDArray[np.bool_]
 
 
 def constant_gains(parts: Sequence[Samples], *, bias: bool = False, coupled: bool = False) -> Constants:
@@ -117,7 +114,8 @@ def constant_gains(parts: Sequence[Samples], *, bias: bool = False, coupled: boo
             found[used] = np.linalg.lstsq(columns / size, w[:, i], rcond=1e-10)[0] / size
             gains[:, i] = found[[i, i + 6]]
             residuals[:, i] -= columns @ found[used]
-    return Constants(gains[0], gains[1], explained(parts, residuals))
+    least = max(CHANCE / (CHANCE + len(w)), BIASED_EVIDENCE if bias else 0.0)
+    return Constants(gains[0], gains[1], explained(parts, residuals) > least)
 
 
 def explained(parts: Sequence[Samples], residuals: Array) -> Array:
@@ -171,10 +169,7 @@ def determined(sd: Array, scale: Array) -> NDArray[np.bool_]:
 def remedies(
     stiffness: NDArray[np.bool_],
     damping: NDArray[np.bool_],
-    shares: Array,
-    *,
-    bias: bool = False,
-    axes: Sequence[str] = AXES,
+    evident: NDArray[np.bool_],
 ) -> tuple[str, ...]:
     """Sentences for a report: which axes are not determined, and what to do about it.
 
@@ -182,11 +177,11 @@ def remedies(
     ----------
     stiffness, damping : ndarray of bool, shape (m, 6)
         Where K and B are observable.
-    shares : ndarray, shape (6,)
+    evident : ndarray of bool, shape (6,)
         Of :class:`Constants`.
     """
-    found, least = [], least_evidence(bias=bias)
-    without = [name for name, share in zip(axes, shares, strict=True) if not share > least]
+    found = []
+    without = [name for name, enough in zip(AXES, evident, strict=True) if not enough]
     if without:
         found.append(
             f"{', '.join(without)}: a constant explains the wrench as well as the motion does, so no gain can be "
@@ -195,8 +190,8 @@ def remedies(
     for name, seen in (("stiffness", stiffness), ("damping", damping)):
         part = [
             f"{axis} ({100 * share:.0f} %)"
-            for axis, share, known in zip(axes, seen.mean(axis=0), shares, strict=True)
-            if share < 1 and known > least
+            for axis, share, enough in zip(AXES, seen.mean(axis=0), evident, strict=True)
+            if share < 1 and enough
         ]
         if part:
             found.append(

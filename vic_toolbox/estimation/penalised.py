@@ -2,20 +2,22 @@
 
 The coefficients c of the splines, and constant unknowns β beside them, minimise ::
 
-    ‖y − X c − Z β‖² + Σ_g λ_g Σ_{i in g} ‖Δ² c_i‖²
+    ‖y − X c − Z β‖² + Σ_g λ_g Σ_{i in g} ‖Δ^o c_i‖²
 
-where Δ² takes second differences along time (Eilers and Marx 1996). Seen as a mixed model, Δ²c ~ N(0, σ²/λ), and the
-restricted likelihood of λ with σ² at its best is, up to a constant, −V/2 with (Wood 2011)
+where Δ^o takes differences of order o, two or three, along time (Eilers and Marx 1996). Seen as a mixed model,
+Δ^o c ~ N(0, σ²/λ), and the restricted likelihood of λ with σ² at its best is, up to a constant, −V/2 with (Wood 2011)
 
-    V(λ) = (N − M) log σ̂² + log det H_λ − Σ_g rank_g log λ_g,   σ̂² = (least value of the above) / (N − M),
+    V(λ, o) = (N − M) log σ̂² + log det H_λ − Σ_g rank_g log λ_g − q log det ΔΔᵀ,
 
-M the unpenalised dimensions. Every evaluation is one banded Cholesky factorisation. The posterior of c has covariance
-σ̂² H_λ⁻¹, of which only the band is needed; it comes from a block recursion (Takahashi et al. 1973).
+with σ̂² = (least value of the above) / (N − M), M the unpenalised dimensions and q the number of splines. Every
+evaluation is one banded Cholesky factorisation. The posterior of c has covariance σ̂² H_λ⁻¹, of which only the band is
+needed; it comes from a block recursion (Takahashi et al. 1973).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import lgamma, log
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,21 +29,43 @@ from vic_toolbox.errors import Array
 from vic_toolbox.estimation.splines import NormalEquations
 
 ORDER = 2
-"""Order of the differences that the penalty squares: a gain that is a straight line costs nothing."""
+"""Order of the differences that the penalty squares, if nothing else is said: a straight line costs nothing."""
 LOG_RANGE = (-46.0, 30.0)
 """Range of log λ relative to the data's information; its lower end stands for no penalty."""
+LARGEST_LOG = 300.0
+"""Beyond it λ would overflow."""
 RIDGE = 1e-13
+STIFFEST = 18.0
+"""Largest log λ of third differences, relative to the data's information: beyond it rounding hides the data."""
 
 
-def second_differences(m: int) -> Array:
-    """Bands (3, m) of ΔᵀΔ: entry [d, j] couples coefficients j and j + d; zero for fewer than three."""
-    bands = np.zeros((3, m))
-    row = np.array([1.0, -2.0, 1.0])
-    for a in range(3):
-        for b in range(a, 3):
-            if m > ORDER:
-                bands[b - a, a : a + m - ORDER] += row[a] * row[b]
+def squared_differences(m: int, order: int = ORDER) -> Array:
+    """Bands (order + 1, m) of ΔᵀΔ: entry [d, j] couples coefficients j and j + d; zero for too few of them."""
+    bands = np.zeros((order + 1, m))
+    row = np.diff(np.eye(order + 1), order, axis=0)[0]
+    for a in range(order + 1):
+        for b in range(a, order + 1):
+            if m > order:
+                bands[b - a, a : a + m - order] += row[a] * row[b]
     return bands
+
+
+def log_determinant(m: int, order: int) -> float:
+    """Logarithm of det ΔΔᵀ, with which likelihoods of different orders compare.
+
+    It is the determinant of the Gram matrix of the polynomials that Δ leaves, in the basis of binomials: the product
+    of the squared norms of the discrete Chebyshev polynomials of degree below the order.
+    """
+    if m <= order:
+        return 0.0
+    return sum(
+        2 * lgamma(i + 1)
+        - lgamma(2 * i + 1)
+        - lgamma(2 * i + 2)
+        + log(m)
+        + sum(log(m**2 - k**2) for k in range(1, i + 1))
+        for i in range(order)
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,6 +84,8 @@ class Problem:
         Which λ belongs to each spline.
     resolution : float, optional
         Residual, relative to the targets, below which smaller is not better.
+    order : int, optional
+        Of the differences that are penalised.
     """
 
     gram: Array
@@ -71,9 +97,12 @@ class Problem:
     count: float
     groups: NDArray[np.intp]
     resolution: float = 1e-8
+    order: int = ORDER
 
     @classmethod
-    def of(cls, equations: NormalEquations, index: int, groups: NDArray[np.intp]) -> Problem:
+    def of(
+        cls, equations: NormalEquations, index: int, groups: NDArray[np.intp], *, order: int = ORDER
+    ) -> Problem:
         """Problem number `index` of several."""
         e = equations
         return cls(
@@ -85,6 +114,7 @@ class Problem:
             e.border_right[index],
             float(e.count[index]),
             groups,
+            order=order,
         )
 
     @property
@@ -106,12 +136,15 @@ class Problem:
     def penalised(self, logarithms: Array) -> Array:
         """Blocks of H_λ."""
         m, q = self.size
-        gram = np.zeros((max(3, self.gram.shape[0]), m, q, q)) if m > ORDER else self.gram.copy()
+        bands = squared_differences(m, self.order)
+        width = max(len(bands), self.gram.shape[0]) if m > self.order else self.gram.shape[0]
+        gram = np.zeros((width, m, q, q))
         gram[: self.gram.shape[0]] = self.gram
         index = np.arange(q)
-        if m > ORDER:
-            strength = np.exp(logarithms)[self.groups]
-            gram[:3, :, index, index] += second_differences(m)[:, :, None] * strength
+        if m > self.order:
+            gram[: len(bands), :, index, index] += (
+                bands[:, :, None] * np.exp(np.minimum(logarithms, LARGEST_LOG))[self.groups]
+            )
         gram[0, :, index, index] += RIDGE * max(float(np.mean(gram[0, :, index, index])), 1e-300)
         return gram
 
@@ -172,30 +205,43 @@ class Problem:
             quadratic += 2 * float(np.einsum("ja,jab,jb->", c[: m - d], self.gram[d, : m - d], c[d:]))
         pull = self.border.reshape(c.size, -1).T @ c.reshape(-1)
         fitted = quadratic + float(beta @ (2 * pull + self.corner @ beta))
-        bends = np.sum(np.diff(c, ORDER, axis=0) ** 2, axis=0) if m > ORDER else np.zeros(c.shape[1])
+        bends = (
+            np.sum(np.diff(c, self.order, axis=0) ** 2, axis=0) if m > self.order else np.zeros(c.shape[1])
+        )
         explained = float(np.sum(self.right * c) + self.border_right @ beta)
         return self.squares - 2 * explained + fitted + float(bends @ np.exp(logarithms)[self.groups])
 
     def reml(self, logarithms: Array) -> float:
         """V(λ), the smaller the likelier; infinite where it is not defined."""
-        solution = self.solve(np.clip(logarithms, *LOG_RANGE))
+        inside = np.clip(logarithms, *self.limits)
+        solution = self.solve(inside)
         if solution is None:
             return np.inf
-        m, _ = self.size
-        rank = max(m - ORDER, 0) * np.bincount(self.groups, minlength=len(logarithms))
-        outside = np.sum((logarithms - np.clip(logarithms, *LOG_RANGE)) ** 2)
+        m, q = self.size
+        rank = max(m - self.order, 0) * np.bincount(self.groups, minlength=len(logarithms))
         return (
             self.freedom * np.log(max(solution.least, 1e-300) / self.freedom)
             + solution.logdet
-            - float(rank @ np.clip(logarithms, *LOG_RANGE))
-            + outside
+            - float(rank @ inside)
+            - q * log_determinant(m, self.order)
+            + float(np.sum((logarithms - inside) ** 2))
         )
+
+    @property
+    def unit(self) -> float:
+        """The logarithm of the information that the data hold about one coefficient."""
+        return float(np.log(max(float(np.mean(np.einsum("mii->mi", self.gram[0]))), 1e-300)))
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """Least and largest log λ."""
+        return LOG_RANGE if self.order == ORDER else (LOG_RANGE[0], min(self.unit + STIFFEST, LOG_RANGE[1]))
 
     @property
     def freedom(self) -> float:
         """Observations less unpenalised dimensions."""
         m, q = self.size
-        return max(self.count - q * min(m, ORDER) - self.corner.shape[0], 1.0)
+        return max(self.count - q * min(m, self.order) - self.corner.shape[0], 1.0)
 
     def noise_variance(self, solution: Solution) -> float:
         """The restricted estimate of σ²."""
@@ -204,26 +250,26 @@ class Problem:
     def smoothest(self, start: Array | None = None) -> Array:
         """The log λ that minimise :meth:`reml`: a coarse grid, or `start`, then Nelder and Mead."""
         count = int(self.groups.max()) + 1
-        if self.size[0] <= ORDER:
+        if self.size[0] <= self.order:
             return np.zeros(count)
         if start is None:
-            # λ in units of the information that the data hold about one coefficient
-            unit = np.log(max(float(np.mean(np.einsum("mii->mi", self.gram[0]))), 1e-300))
-            grid = np.stack(np.meshgrid(*[unit + np.array([-30.0, -12, -6, -2, 2, 6, 12])] * count), -1)
+            grid = np.stack(np.meshgrid(*[self.unit + np.array([-30.0, -12, -6, -2, 2, 6, 12])] * count), -1)
             points = grid.reshape(-1, count)
             start = points[int(np.argmin([self.reml(point) for point in points]))]
         first = np.asarray(start)
         simplex = np.vstack([first, first + 2.0 * np.eye(count)])
         options = {"xatol": 0.05, "fatol": 0.02, "maxiter": 120, "initial_simplex": simplex}
-        return np.clip(minimize(self.reml, first, method="Nelder-Mead", options=options).x, *LOG_RANGE)
+        return np.clip(minimize(self.reml, first, method="Nelder-Mead", options=options).x, *self.limits)
 
     def effective(self, logarithms: Array, solution: Solution) -> float:
         """Effective number of parameters: the trace of ``H_λ⁻¹ XᵀX``, constant unknowns included."""
         m, q = self.size
-        band = self.variances(logarithms, solution)
-        width = min(3, band.shape[0])
-        twice = np.array([1.0, 2.0, 2.0])[:width, None, None]
-        traces = np.sum(twice * second_differences(m)[:width, :, None] * band[:width], axis=(0, 1))
+        if m <= self.order:
+            return float(m * q + len(solution.beta))
+        band, bands = self.variances(logarithms, solution), squared_differences(m, self.order)
+        width = min(len(bands), len(band))
+        twice = np.where(np.arange(width) > 0, 2.0, 1.0)[:, None, None]
+        traces = np.sum(twice * bands[:width, :, None] * band[:width], axis=(0, 1))
         return m * q + len(solution.beta) - float(traces @ np.exp(logarithms)[self.groups])
 
     def variances(self, logarithms: Array, solution: Solution) -> Array:

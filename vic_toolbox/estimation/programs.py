@@ -79,7 +79,7 @@ def factor_programs(
     for m in range(sums.shape[1]):
         for group, axes in enumerate((slice(0, 3), slice(3, 6))):
             part = sums[:, m, axes] / noise[axes] ** 2
-            size = max(float(part[5].sum()), 1e-300)
+            size = float(part[5].sum()) or 1.0
             result = solver(
                 x0=np.r_[np.maximum(start[0][m, axes], 1e-3), max(start[1][m, group], 1e-3)],
                 p=part / size,

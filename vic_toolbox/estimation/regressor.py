@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import inspect
+import sys
 from dataclasses import dataclass
 from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy import sparse
 
 from vic_toolbox.errors import Array, InputError, VicError, finite_array
 from vic_toolbox.estimation.smooth import fit_smooth
@@ -82,8 +84,11 @@ class ImpedanceRegressor:
         InputError
             Wrong shapes, NaN, or times that repeat.
         """
+        wrench = _numbers("y", y)
         columns = self._checked(X)
-        wrench = finite_array("y", y, shape=(len(columns), 6))
+        if len(columns) < 2:
+            raise InputError(f"X has n_samples = {len(columns)}; a fit needs at least two.")
+        wrench = finite_array("y", wrench, shape=(len(columns), 6))
         time = np.arange(len(columns), dtype=float)
         if self.knots is not None:
             order = np.argsort(columns[:, 0], kind="stable")
@@ -111,7 +116,7 @@ class ImpedanceRegressor:
             Wrong shape or NaN.
         """
         if not hasattr(self, "estimate_"):
-            raise NotFittedError("this ImpedanceRegressor is not fitted yet; call fit(X, y) first.")
+            raise _not_fitted()
         columns = self._checked(X)
         found = self.estimate_
         time = np.full(len(columns), found.time[0])
@@ -174,8 +179,44 @@ class ImpedanceRegressor:
         )
 
     def _checked(self, columns: ArrayLike) -> Array:
+        """X as numbers with its columns; the words are those that scikit-learn's own checks look for."""
         wanted = 12 if self.knots is None else 13
-        return finite_array("X", columns, shape=(None, wanted))
+        x = _numbers("X", columns)
+        if x.ndim == 2 and x.shape[1] != wanted:
+            what = f"a minimum of {wanted} is required" if x.shape[1] < wanted else f"{wanted} are expected"
+            raise InputError(
+                f"X has {x.shape[1]} feature(s) (shape={x.shape}) while {what}: "
+                f"{'' if self.knots is None else 'time, '}six errors and their six rates."
+            )
+        return finite_array("X", x, shape=(None, wanted))
+
+
+def _numbers(name: str, value: ArrayLike | None) -> np.ndarray:
+    """An array; one of Python objects that are numbers (from a table of mixed types) becomes one of numbers."""
+    if value is None:
+        raise InputError(
+            f"ImpedanceRegressor requires {name} to be passed, but the target {name} is None; pass numbers."
+        )
+    if sparse.issparse(value):
+        raise InputError(f"sparse input is not supported; pass {name} as a dense array.")
+    array = np.asarray(value)
+    if np.iscomplexobj(array):
+        raise InputError(f"Complex data not supported: {name} has complex entries; pass real numbers.")
+    if array.dtype.kind == "O":
+        try:
+            array = array.astype(float)
+        except (TypeError, ValueError) as error:
+            raise InputError(f"{name} is not an array of numbers ({error}).") from error
+    return array
+
+
+def _not_fitted() -> NotFittedError:
+    """The error, which is scikit-learn's own as well where that is loaded."""
+    text = "this ImpedanceRegressor is not fitted yet; call fit(X, y) first."
+    library = sys.modules.get("sklearn.exceptions")
+    if library is None:
+        return NotFittedError(text)
+    return type("NotFittedError", (NotFittedError, library.NotFittedError), {})(text)
 
 
 def _interpolated(time: Array, gain: Array, at: Array) -> Array:

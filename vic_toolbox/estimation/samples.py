@@ -136,13 +136,13 @@ def root_mean_square(value: Any) -> Array:
     return np.sqrt(np.mean(np.square(value), axis=0))
 
 
-def weights(parts: list[Samples], noise: Array) -> Array:
+def weights(parts: list[Samples], noise: Array, *, least: float = 1e-6) -> Array:
     """By how much [N, Nm] a residual of each axis counts as one: its noise, as far as that can be resolved.
 
-    Noise below a millionth of the force (or moment) is rounding and no reason to prefer one axis to another; an
+    Noise below `least` times the force (or moment) is rounding and no reason to prefer one axis to another; an
     infinite one is not known yet: then the axes of force count alike, and those of moment.
     """
     size = root_mean_square(np.concatenate([p.wrench for p in parts])).reshape(2, 3)
     group = np.repeat(np.sqrt(np.mean(size**2, axis=1)), 3)
     group = np.where(group > 0, group, 1.0)
-    return np.where(np.isfinite(noise), np.maximum(noise, 1e-6 * group), group)
+    return np.where(np.isfinite(noise), np.maximum(noise, least * group), group)

@@ -21,6 +21,8 @@ from vic_toolbox.estimation.smooth_full import FullModel
 from vic_toolbox.estimation.splines import Basis
 from vic_toolbox.estimation.windows import CONSTRAINTS, STRUCTURES, chosen_solver
 
+KNOTS = {"diagonal": 0.1, "damping_factor": 0.1, "full": 0.5}
+"""Distance of the knots that is taken by default [s]."""
 GRID = 5
 """Instants of the result for each knot interval."""
 LATENCY_SCAN = 21
@@ -30,7 +32,7 @@ ROBUST_ROUNDS = 12
 @threadpool_limits.wrap(limits=1, user_api="blas")  # banded factorisations: threads would only wait
 def fit_smooth(
     recordings: Motion | Iterable[Motion],
-    knots: float | None = 0.1,
+    knots: float | str | None = "auto",
     *,
     structure: str = "diagonal",
     constraint: str = "spd",
@@ -52,8 +54,9 @@ def fit_smooth(
     ----------
     recordings : Recording, or iterable of them
         Several are pooled: one K(t), B(t) for all, their clocks starting together at zero.
-    knots : float or None, optional
-        Distance of the knots [s]: the finest change that can be seen. None: constant gains.
+    knots : float, 'auto' or None, optional
+        Distance of the knots [s]: the finest change that can be seen. 0.1 s by default, half a second for full
+        matrices, whose 42 entries need about that much rich motion. None: constant gains.
     structure : {'diagonal', 'full', 'damping_factor'}, optional
         Axes on their own; full symmetric matrices; or diagonal with ``B = d √K``, one constant d for translation
         and one for rotation.
@@ -61,7 +64,7 @@ def fit_smooth(
         ``spd`` keeps K(t) and B(t) positive definite at every instant (every control point is), ``none`` does not.
         For diagonal gains ``positive`` means the same as ``spd``.
     solver : {'auto', 'closed_form', 'casadi', 'clarabel'}, optional
-        Only asked where the unconstrained fit is not feasible. Diagonal: pivoting, or CasADi's QP. Full:
+        Only asked where the unconstrained fit is not feasible. Diagonal: projected Newton steps, or CasADi's QP. Full:
         Clarabel, or CasADi's Cholesky program. ``damping_factor`` and `attractor` are CasADi's in any case.
     robust : bool, optional
         Huber's weights instead of squares: outliers count linearly.
@@ -100,8 +103,8 @@ def fit_smooth(
     one_of("structure", structure, STRUCTURES)
     one_of("constraint", constraint, CONSTRAINTS)
     joint = structure == "damping_factor" or attractor
-    basis = _basis(parts, knots)
-    times = _instants(basis, knots, at)
+    basis = _basis(parts, knots, structure)
+    times = _instants(basis, at)
     given = given_noise(noise)
     if joint:
         from vic_toolbox.estimation.joint import fit_joint
@@ -168,12 +171,16 @@ def estimate(
         fit.noise * fit.widening * np.sqrt(inflation),
     )
     raw, scales = (local.stiffness_sd, local.damping_sd), local.scales(parts)
-    evidence = constants.evidence > observability.least_evidence(bias=model.bias)
     seen = tuple(
-        observability.determined(alone, scale) & observability.determined(sd, scale) & evidence
+        observability.determined(alone, scale) & observability.determined(sd, scale) & constants.evident
         for alone, sd, scale in zip(raw, deviations, scales, strict=True)
     )
-    notes = list(observability.remedies(seen[0], seen[1], constants.evidence, bias=model.bias))
+    notes = list(observability.remedies(seen[0], seen[1], constants.evident))
+    if full and basis.intervals and spacing < KNOTS["full"] and not (seen[0] & seen[1]).any():
+        notes.append(
+            f"full matrices have 42 entries, which cannot be told apart within {spacing:.2g} s; "
+            f"ask for knots of {KNOTS['full']:g} s or more."
+        )
     if inflation.max() > 3:
         notes.append(
             "residuals are correlated in time, not white noise, so bands are up to "
@@ -215,10 +222,13 @@ def find_latency(model: SmoothModel, fit: SmoothFit) -> tuple[float, float]:
     return delay, math.sqrt(2 / curvature) if curvature > 0 else math.inf
 
 
-def _basis(parts: list[Samples], knots: float | None) -> Basis:
+def _basis(parts: list[Samples], knots: float | str | None, structure: str) -> Basis:
     start, stop = min(p.time[0] for p in parts), max(p.time[-1] for p in parts)
     if knots is None:
         return Basis(start, stop, 0)
+    if isinstance(knots, str):
+        one_of("knots", knots, ("auto",))
+        knots = min(KNOTS[structure], float(stop - start))
     spacing = positive("knots", knots)
     if spacing > stop - start:
         raise InputError(
@@ -232,7 +242,7 @@ def _basis(parts: list[Samples], knots: float | None) -> Basis:
     return basis
 
 
-def _instants(basis: Basis, knots: float | None, at: ArrayLike | None) -> Array:
+def _instants(basis: Basis, at: ArrayLike | None) -> Array:
     if at is not None:
         times = np.atleast_1d(finite_array("at", at))
         if times.ndim != 1 or (np.diff(times) <= 0).any():
@@ -243,6 +253,6 @@ def _instants(basis: Basis, knots: float | None, at: ArrayLike | None) -> Array:
                 f"{basis.stop:g} s."
             )
         return times
-    if knots is None:
+    if not basis.intervals:
         return np.array([0.5 * (basis.start + basis.stop)])
     return np.linspace(basis.start, basis.stop, GRID * basis.intervals + 1)

@@ -20,6 +20,8 @@ HUBER = 1.345
 """Residual, in standard deviations, beyond which Huber's loss is linear (95 % efficient for Gaussian noise)."""
 NOISELESS = 1e-5
 """Noise relative to the wrench below which rounding matters and the solution is refined on the samples."""
+ORDERS = (2, 3)
+"""Orders of the differences that may be penalised."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,15 +114,40 @@ class SmoothModel:
     ) -> SmoothFit:
         """Fit without constraint; smoothness is searched from `start` where given."""
         equations = self.equations(weight)
-        problems = [Problem.of(equations, i, self.groups) for i in range(6)]
-        logs = [p.smoothest(start.logarithms[i] if start else None) for i, p in enumerate(problems)]
-        solutions = [self.solved(p, log) for p, log in zip(problems, logs, strict=True)]
+        if start is None:
+            likeliest = [self.likeliest(equations, i) for i in range(6)]
+        else:
+            known = zip(start.problems, start.logarithms, strict=True)
+            likeliest = [
+                self.smoothed(Problem.of(equations, i, self.groups, order=p.order), log)
+                for i, (p, log) in enumerate(known)
+            ]
+        problems, logs, solutions = (list(part) for part in zip(*likeliest, strict=True))
         found = np.sqrt([p.noise_variance(s) for p, s in zip(problems, solutions, strict=True)])
         exact = found < NOISELESS * root_mean_square(np.concatenate([p.wrench for p in self.parts]))
         fit = self._assembled(problems, solutions, logs, found if noise is None else noise, weight)
         if exact.any():
             fit = self._refined(fit)
         return self._with_noise(fit, given=noise)
+
+    def smoothed(self, problem: Problem, start: Array | None = None) -> tuple[Problem, Array, Solution]:
+        """A problem, the smoothness that REML gives it, and its solution."""
+        logs = problem.smoothest(start)
+        return problem, logs, self.solved(problem, logs)
+
+    def likeliest(self, equations: NormalEquations, index: int) -> tuple[Problem, Array, Solution]:
+        """One axis with the order of differences that is the likelier.
+
+        Gains that bend gently are known much better where the third is taken to be small; gains that step are not.
+        Without noise there is nothing to choose by.
+        """
+        fits = [self.smoothed(Problem.of(equations, index, self.groups, order=ORDERS[0]))]
+        problem, _, solution = fits[0]
+        if problem.noise_variance(solution) > NOISELESS**2 * problem.squares / problem.count:
+            fits += [
+                self.smoothed(Problem.of(equations, index, self.groups, order=order)) for order in ORDERS[1:]
+            ]
+        return min(fits, key=lambda fit: fit[0].reml(fit[1]))
 
     @staticmethod
     def solved(problem: Problem, logarithms: Array) -> Solution:
@@ -157,7 +184,7 @@ class SmoothModel:
         """
         for _ in range(3):
             again = self.equations(fit.weight, self.residuals(fit))
-            problems = [Problem.of(again, i, self.groups) for i in range(len(fit.problems))]
+            problems = [Problem.of(again, i, self.groups, order=p.order) for i, p in enumerate(fit.problems)]
             fit = dataclasses.replace(
                 fit,
                 solutions=[
@@ -242,7 +269,8 @@ class SmoothModel:
         equations = self.equations(fit.weight)
         total = 0.0
         for i, log in enumerate(fit.logarithms):
-            solution = self.solved(Problem.of(equations, i, self.groups), log)
+            problem = Problem.of(equations, i, self.groups, order=fit.problems[i].order)
+            solution = self.solved(problem, log)
             total += solution.least / max(fit.noise[i] ** 2, 1e-12 * float(equations.squares[i]), 1e-300)
         return total
 

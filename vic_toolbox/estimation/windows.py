@@ -248,9 +248,9 @@ def _estimate(
         observability.typical(_diagonals(found.damping), np.sqrt(_diagonals(found.damping_variance))),
     )
     deviations = np.sqrt(found.stiffness_variance), np.sqrt(found.damping_variance)
-    evidence = constants.evidence > observability.least_evidence(bias=False)
     seen = tuple(
-        observability.determined(sd, scale) & evidence for sd, scale in zip(deviations, scales, strict=True)
+        observability.determined(sd, scale) & constants.evident
+        for sd, scale in zip(deviations, scales, strict=True)
     )
     nearest = np.clip(np.rint((np.arange(len(data)) - 0.5 * (window - 1)) / step).astype(int), 0, count - 1)
     residuals = data.wrench - sum(
@@ -268,7 +268,7 @@ def _estimate(
         noise=found.noise,
         explained=observability.explained([data], residuals),
         method=f"windows of {window} samples: {names}",
-        warnings=observability.remedies(seen[0], seen[1], constants.evidence),
+        warnings=observability.remedies(seen[0], seen[1], constants.evident),
     )
 
 

@@ -18,7 +18,7 @@ import numpy as np
 from vic_toolbox.errors import Array
 from vic_toolbox.estimation.samples import Samples
 
-CHUNK = 2048
+CHUNK = 4096
 """Windows worked on at a time: small enough for the processor's cache."""
 STILL = 1e-100
 """Sum of squares below which nothing moves; a gain from it would overflow."""
@@ -36,8 +36,8 @@ class AxisWindows:
         NaN where floating point does not determine them.
     stiffness_variance, damping_variance : ndarray
         Variance for noise of variance one: the inverse of the information; infinite without information.
-    condition : ndarray
-        Condition number of the information about (k, b), each scaled to unit information.
+    independence : ndarray
+        Share of Σv² at a right angle to e: zero where k and b cannot be told apart.
     squares : ndarray
         Σ (f − k e − b v)² of the unconstrained fit.
     """
@@ -46,16 +46,40 @@ class AxisWindows:
     damping: Array
     stiffness_variance: Array
     damping_variance: Array
-    condition: Array
+    independence: Array
     squares: Array
+
+    @property
+    def condition(self) -> Array:
+        """Condition number of the information about (k, b), each scaled to unit information."""
+        correlation = np.sqrt(np.clip(1 - self.independence, 0.0, 1.0))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            known = np.isfinite(self.stiffness_variance) & np.isfinite(self.damping_variance)
+            return np.where(known, (1 + correlation) / (1 - correlation), np.inf)
 
 
 def window_sum(x: Array, window: int, step: int, count: int) -> Array:
-    """Sums over `count` windows that start every `step` rows, by direct addition (no cancellation)."""
+    """Sums over `count` windows that start every `step` rows, by additions alone (no cancellation).
+
+    A window is put together from pieces whose lengths are powers of two, each the sum of two of half its length:
+    about 2 log₂(window) additions of the whole array. Where windows are far apart, it is added row by row.
+    """
     stop = (count - 1) * step + 1
-    total = x[:stop:step].copy()
-    for k in range(1, window):
-        total += x[k : k + stop : step]
+    if step * 2 * window.bit_length() > window + 2:
+        total = x[:stop:step].copy()
+        for k in range(1, window):
+            total += x[k : k + stop : step]
+        return total
+    total, piece, length, start = None, x, 1, 0
+    while length <= window:
+        if window & length:
+            part = piece[start : start + stop : step]
+            total = part.copy() if total is None else np.add(total, part, out=total)
+            start += length
+        length *= 2
+        if length <= window:
+            piece = piece[: -length // 2] + piece[length // 2 :]
+    assert total is not None
     return total
 
 
@@ -89,37 +113,60 @@ def diagonal_windows(data: Samples, window: int, *, step: int = 1, positive: boo
 
 
 def _chunk(e: Array, v: Array, f: Array, window: int, step: int, count: int, positive: bool) -> list[Array]:
-    a, c, s = (window_sum(x, window, step, count) for x in (e * e, v * v, e * v))
-    a, c = np.where(a > STILL, a, 0.0), np.where(c > STILL, c, 0.0)
-    p = window_sum(e * f, window, step, count)
+    a, c, s, p = (window_sum(x, window, step, count) for x in (e * e, v * v, e * v, e * f))
+    a[a <= STILL], c[c <= STILL] = 0.0, 0.0
     with np.errstate(divide="ignore", invalid="ignore"):
-        ratio = np.where(a > 0, s / a, 0.0)
-        start = np.where(a > 0, p / a, 0.0)
-        d, q, squares = (np.zeros_like(a) for _ in range(3))
-        stop = (count - 1) * step + 1
-        for k in range(window):
-            row = slice(k, k + stop, step)
-            u = v[row] - ratio * e[row]
-            g = f[row] - start * e[row]
-            d += u * u
-            q += u * g
-            squares += g * g
-        apart = d > RANK * c
-        b = np.where(apart, q / d, np.nan)
-        k_seen = (a > 0) & (apart | (c == 0))
-        b_alone = np.where(c > 0, (q + start * s) / c, 0.0)  # Σvf / Σv²
-        k = np.where(k_seen, start - np.where(c > 0, b, 0.0) * ratio, np.nan)
-        squares -= np.where(apart, b * q, 0.0)
-        k_variance = np.where(k_seen, 1 / a + np.where(c > 0, ratio**2 / d, 0.0), np.inf)
-        b_variance = np.where(apart, 1 / d, np.inf)
-        correlation = np.sqrt(np.clip(1 - d / c, 0.0, 1.0))
-        condition = np.where(apart & (a > 0), (1 + correlation) / (1 - correlation), np.inf)
-        if positive:
-            infeasible = (k < 0) | (b < 0)
-            k_gain, b_gain = np.maximum(start, 0.0), np.maximum(b_alone, 0.0)
-            spring = k_gain**2 * a >= b_gain**2 * c  # how much either takes off the squares
-            # where only one gain is known the other is NaN, and it alone is bounded
-            k_bounded = np.where(np.isnan(b), np.maximum(k, 0.0), np.where(spring, k_gain, 0.0))
-            b_bounded = np.where(np.isnan(k), np.maximum(b, 0.0), np.where(spring, 0.0, b_gain))
-            k, b = np.where(infeasible, k_bounded, k), np.where(infeasible, b_bounded, b)
-    return [k, b, k_variance, b_variance, condition, np.maximum(squares, 0.0)]
+        inverse = 1 / a
+        if a.all():
+            ratio, start = s * inverse, p * inverse
+        else:
+            ratio, start = (np.where(a > 0, x * inverse, 0.0) for x in (s, p))
+        d, q, squares = _second_pass(e, v, f, ratio, start, window, step)
+        together = d <= RANK * c + STILL
+        alone = together.any()
+        if alone:
+            d[together] = 0.0
+        b_variance = 1 / d
+        b = q * b_variance
+        k = start - b * ratio
+        k_variance = inverse + ratio * ratio * b_variance
+        independence = d / c
+        if alone:  # what e and v do not tell apart; an axis of which only one moves has that one gain
+            b[together] = np.nan
+            k = np.where(c > 0, k, start)
+            k_variance = np.where(together & (c > 0), np.inf, np.where(c > 0, k_variance, inverse))
+            independence = np.where(together, 0.0, independence)
+        k[~np.isfinite(k_variance)] = np.nan
+        squares -= np.where(together, 0.0, b * q) if alone else b * q
+        if positive and (infeasible := (k < 0) | (b < 0)).any():
+            k[infeasible], b[infeasible] = _bounded(
+                *(x[infeasible] for x in (k, b, start, (q + start * s) / c, a, c))
+            )
+    return [k, b, k_variance, b_variance, independence, np.maximum(squares, 0.0, out=squares)]
+
+
+def _bounded(k: Array, b: Array, k_alone: Array, b_alone: Array, a: Array, c: Array) -> tuple[Array, Array]:
+    """Non-negative gains where the free ones (NaN: not known) are not: the better of the two fits of one gain."""
+    k_gain, b_gain = np.maximum(k_alone, 0.0), np.maximum(np.where(c > 0, b_alone, 0.0), 0.0)
+    spring = k_gain**2 * a >= b_gain**2 * c  # how much either takes off the squares
+    return (
+        np.where(np.isnan(b), np.maximum(k, 0.0), np.where(spring, k_gain, 0.0)),
+        np.where(np.isnan(k), np.maximum(b, 0.0), np.where(spring, 0.0, b_gain)),
+    )
+
+
+def _second_pass(
+    e: Array, v: Array, f: Array, ratio: Array, start: Array, window: int, step: int
+) -> tuple[Array, Array, Array]:
+    """Σu², Σug and Σg² of every window with ``u = v − ratio e``, ``g = f − start e``; no temporaries but these."""
+    u, g, product = (np.empty_like(ratio) for _ in range(3))
+    d, q, squares = (np.zeros_like(ratio) for _ in range(3))
+    stop = (len(ratio) - 1) * step + 1
+    for k in range(window):
+        rows = slice(k, k + stop, step)
+        np.subtract(v[rows], np.multiply(ratio, e[rows], out=u), out=u)
+        np.subtract(f[rows], np.multiply(start, e[rows], out=g), out=g)
+        d += np.multiply(u, u, out=product)
+        q += np.multiply(u, g, out=product)
+        squares += np.multiply(g, g, out=product)
+    return d, q, squares

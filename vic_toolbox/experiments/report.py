@@ -86,6 +86,24 @@ class Note:
 
 
 @dataclass(frozen=True)
+class Remedies:
+    """Things to know, each with what to do about it: (kind, what, remedy), kind ``alarm``, ``warning`` or ``note``."""
+
+    title: str
+    items: Sequence[tuple[str, str, str]]
+
+    def html(self) -> str:
+        """The element."""
+        items = "".join(
+            f"<li class={escape(kind, quote=True)}>{escape(what)}"
+            + (f"<span>{escape(remedy)}</span>" if remedy else "")
+            + "</li>"
+            for kind, what, remedy in self.items
+        )
+        return _section(self.title, f"<ul class=remedies>{items}</ul>")
+
+
+@dataclass(frozen=True)
 class Commands:
     """What to type next: (command, what it does)."""
 
@@ -118,7 +136,7 @@ class Settings:
         )
 
 
-Part = Figure | Film | Table | Note | Commands | Settings
+Part = Figure | Film | Table | Note | Remedies | Commands | Settings
 
 
 def write_report(
@@ -129,6 +147,7 @@ def write_report(
     summary: str,
     tiles: Sequence[tuple[str, str]] = (),
     parts: Sequence[Part],
+    footer: str = "Scores are of the policy's mean action.",
 ) -> None:
     """Write the page.
 
@@ -142,6 +161,8 @@ def write_report(
         The few numbers that matter, each with what it is.
     parts : Sequence[Part]
         The rest of the page, in order.
+    footer : str
+        What all numbers of the page have in common.
 
     Raises
     ------
@@ -158,6 +179,7 @@ def write_report(
         tiles=f"<div class=tiles>{numbers}</div>" if tiles else "",
         body="\n".join(part.html() for part in parts),
         version=escape(vic_toolbox.__version__),
+        footer=escape(footer),
     )
     write_atomically(path, page)
 

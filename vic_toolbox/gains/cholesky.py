@@ -99,10 +99,14 @@ class CholeskyStiffness(Parametrisation):
 
     def gains_to_parameters(self, gains: ImpedanceGains) -> Array:
         """Return the parameters (..., 21) of a full K whose B is the designed one."""
-        correlations = _partial_correlations(np.linalg.cholesky(gains.stiffness))
-        parameters = self._within_range(np.concatenate([gains.stiffness_diagonal, correlations], axis=-1))
+        parameters = self._within_range(self.closest_parameters(gains))
         self._require_damping(gains, self.damping(gains.stiffness))
         return parameters
+
+    def closest_parameters(self, gains: ImpedanceGains) -> Array:
+        """Return the parameters (..., 21) of the stiffness; its designed damping stands for the gains' own."""
+        correlations = _partial_correlations(np.linalg.cholesky(gains.stiffness))
+        return np.concatenate([gains.stiffness_diagonal, correlations], axis=-1)
 
 
 def _correlation_factor(correlations: Array) -> Array:

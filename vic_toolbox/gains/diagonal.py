@@ -33,6 +33,10 @@ class DiagonalStiffness(Parametrisation):
         stiffness, _ = require_diagonal(gains)
         return self._within_range(stiffness)
 
+    def closest_parameters(self, gains: ImpedanceGains) -> Array:
+        """Return the diagonal of K, (..., 6)."""
+        return np.array(gains.stiffness_diagonal)
+
 
 @dataclass(frozen=True, kw_only=True)
 class Diagonal(Parametrisation):
@@ -71,6 +75,10 @@ class Diagonal(Parametrisation):
     def gains_to_parameters(self, gains: ImpedanceGains) -> Array:
         """Return the stiffnesses and dampings of diagonal gains, (..., 12)."""
         return self._within_range(np.concatenate(require_diagonal(gains), axis=-1))
+
+    def closest_parameters(self, gains: ImpedanceGains) -> Array:
+        """Return the diagonals of K and B, (..., 12)."""
+        return np.concatenate([gains.stiffness_diagonal, gains.damping_diagonal], axis=-1)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -130,11 +138,24 @@ class DampingFactor(Parametrisation):
     def gains_to_parameters(self, gains: ImpedanceGains) -> Array:
         """Return the stiffnesses and the factor of diagonal gains with B = d √K, (..., 7)."""
         stiffness, damping = require_diagonal(gains)
-        axes = slice(0, 6 if self.rotational_damping is None else 3)
-        factor = (damping[..., axes] / np.sqrt(stiffness[..., axes])).mean(axis=-1, keepdims=True)
+        factor = (damping[..., self._shaped] / np.sqrt(stiffness[..., self._shaped])).mean(
+            axis=-1, keepdims=True
+        )
         parameters = np.concatenate([stiffness, factor], axis=-1)
         self._require_damping(gains, self._damping(parameters)[..., None] * np.eye(6))
         return self._within_range(parameters)
+
+    def closest_parameters(self, gains: ImpedanceGains) -> Array:
+        """Return the diagonal of K and the d with the least ``Σ (b − d √k)²`` over the axes it shapes, (..., 7)."""
+        stiffness, damping = gains.stiffness_diagonal, gains.damping_diagonal
+        k, b = stiffness[..., self._shaped], damping[..., self._shaped]
+        factor = (b * np.sqrt(k)).sum(axis=-1, keepdims=True) / k.sum(axis=-1, keepdims=True)
+        return np.concatenate([stiffness, factor], axis=-1)
+
+    @property
+    def _shaped(self) -> slice:
+        """Axes whose damping the factor shapes."""
+        return slice(0, 6 if self.rotational_damping is None else 3)
 
     def _damping(self, parameters: Array) -> Array:
         damping = parameters[..., 6:] * np.sqrt(parameters[..., :6])

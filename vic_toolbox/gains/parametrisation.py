@@ -102,6 +102,14 @@ class Parametrisation(ABC):
             This parametrisation cannot write such gains, or only with parameters outside its range.
         """
 
+    @abstractmethod
+    def closest_parameters(self, gains: ImpedanceGains) -> Array:
+        """Return parameters (..., size) that come close to any gains: measured ones, say.
+
+        What the parametrisation cannot write, couplings or a damping of its own, is left out; the parameters may
+        lie outside its range. Gains that it can write give the same as :meth:`gains_to_parameters`.
+        """
+
     def action_to_parameters(self, action: ArrayLike) -> Array:
         """Return the parameters [SI] of an action, by the affine map of [−1, 1] onto [minimum, maximum].
 

@@ -2,6 +2,7 @@
 
 from vic_toolbox.recordings.filtering import acceleration, differentiate
 from vic_toolbox.recordings.frame import FrameCheck, check_frame
+from vic_toolbox.recordings.inertia_share import inertia_share
 from vic_toolbox.recordings.inspection import Inspection, inspect
 from vic_toolbox.recordings.latency import Latency, find_latency, shift_wrench
 from vic_toolbox.recordings.layout import Layout
@@ -34,6 +35,7 @@ __all__ = [
     "differentiate",
     "find_latency",
     "identify_payload",
+    "inertia_share",
     "inspect",
     "read",
     "repair",

@@ -7,6 +7,7 @@ before memory is taken, and links out of the file are not followed.
 from __future__ import annotations
 
 import zipfile
+from collections import deque
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -112,18 +113,24 @@ def _text(file: Any, name: str) -> str | None:
     return bytes(file.attrs[name]).decode(errors="replace")
 
 
-def _datasets(group: Any, h5py: Any, prefix: str = "", depth: int = 0) -> Iterator[tuple[str, Any]]:
-    """Datasets of numbers below a group, but for those that lie in other files."""
-    if depth > DEEPEST:
-        return
-    for name in group:
-        if not isinstance(group.get(name, getlink=True), h5py.HardLink):
+def _datasets(file: Any, h5py: Any) -> Iterator[tuple[str, Any]]:
+    """Datasets of numbers, but for those that lie in other files; a group is entered once, by its shortest name."""
+    seen: set[int] = set()
+    waiting: deque[tuple[str, Any]] = deque([("", file)])
+    while waiting:
+        prefix, group = waiting.popleft()
+        address = h5py.h5o.get_info(group.id).addr
+        if prefix.count("/") > DEEPEST or address in seen:
             continue
-        item = group[name]
-        if isinstance(item, h5py.Group):
-            yield from _datasets(item, h5py, f"{prefix}{name}/", depth + 1)
-        elif isinstance(item, h5py.Dataset) and item.dtype.kind in "fiu" and 1 <= item.ndim <= 3:
-            yield from [] if item.external or item.is_virtual else [(f"{prefix}{name}", item)]
+        seen.add(address)
+        for name in group:
+            if not isinstance(group.get(name, getlink=True), h5py.HardLink):
+                continue
+            item = group[name]
+            if isinstance(item, h5py.Group):
+                waiting.append((f"{prefix}{name}/", item))
+            elif isinstance(item, h5py.Dataset) and item.dtype.kind in "fiu" and 1 <= item.ndim <= 3:
+                yield from [] if item.external or item.is_virtual else [(f"{prefix}{name}", item)]
 
 
 def _recording_or_table(

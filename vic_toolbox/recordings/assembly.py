@@ -9,7 +9,7 @@ import numpy as np
 from vic_toolbox.errors import Array, FileError, InputError
 from vic_toolbox.recordings import quaternions
 from vic_toolbox.recordings.guessing import guess_columns
-from vic_toolbox.recordings.layout import ORIENTATIONS, Layout, nearest, resolve
+from vic_toolbox.recordings.layout import ORIENTATIONS, Layout, listed, nearest, resolve
 from vic_toolbox.recordings.recording import Recording
 from vic_toolbox.recordings.table import Table
 from vic_toolbox.recordings.transport import IDENTITY, wrench_to_world
@@ -36,8 +36,7 @@ def assemble(table: Table, layout: Layout) -> Recording:
     for name in values:
         values[name] = values[name] * _factors(name, values[name].shape[1], layout)
     count = len(next(iter(values.values())))
-    with np.errstate(invalid="ignore", over="ignore"):
-        fields = _pose(values, layout, notes, count)
+    fields = _pose(values, layout, notes, count)
     wrench = layout.wrench_sign * values["wrench"]
     if wrench.shape[1] == 3:
         notes.append("no moment in the log: it is zero here, and the rotational gains cannot be fitted")
@@ -175,7 +174,8 @@ def native_recording(source: str, arrays: dict[str, Array], text: dict[str, obje
     missing = set(list(SHAPES)[:6]) - arrays.keys()
     if unknown or missing:
         raise FileError(
-            f"{source} is a damaged recording (unknown {sorted(unknown)}, missing {sorted(missing)})."
+            f"{source} is a damaged recording (unknown: {listed(sorted(unknown))}; "
+            f"missing: {listed(sorted(missing))})."
         )
     notes = str(text.get("notes", ""))
     try:

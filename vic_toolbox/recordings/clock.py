@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from vic_toolbox.errors import Array, FileError, InputError, positive
 from vic_toolbox.recordings import quaternions
-from vic_toolbox.recordings.table import LARGEST_SAMPLES, Table, too_large
+from vic_toolbox.recordings.table import LARGEST_BYTES, Table, too_large
 from vic_toolbox.recordings.validation import GAP
 
 NANO = 1e-9
@@ -84,7 +84,7 @@ def on_one_clock(
         raise InputError(f"clock is {clock!r}; choose 'wrench', 'pose' or a rate [Hz].")
     else:
         count = float(end - begin) * NANO * positive("clock", clock)
-        if count > LARGEST_SAMPLES:
+        if count * 8 * sum(stream.values.shape[1] for stream in streams) > LARGEST_BYTES:
             raise too_large(source, f"would have {count:.3g} samples at {clock:g} Hz")
         times = begin + (np.arange(int(count) + 1) / clock / NANO).astype(np.int64)
     kept = _without_gaps(times, pose)
@@ -100,9 +100,7 @@ def on_one_clock(
     columns: dict[str, Array] = {"time": seconds}
     fields: dict[str, tuple[str, ...]] = {"time": ("time",)}
     for role, stream in by_role.items():
-        with np.errstate(over="ignore", invalid="ignore"):  # numbers that are damage become findings
-            found = _fields(role, stream, kept)
-        for field, (names, values) in found.items():
+        for field, (names, values) in _fields(role, stream, kept).items():
             fields[field] = tuple(names)
             columns |= dict(zip(names, values.T, strict=True))
     return Table(source, tuple(columns), lambda names: {n: columns[n] for n in names}, tuple(notes), fields)

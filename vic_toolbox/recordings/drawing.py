@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from vic_toolbox.errors import Array, InputError
+from vic_toolbox.recordings.validation import ABSURD
 
 if TYPE_CHECKING:
     from vic_toolbox.recordings.recording import Recording
@@ -35,6 +36,7 @@ def draw(recording: Recording) -> Any:
 
     figure = Figure(figsize=(10, 7), layout="constrained")
     axes = figure.subplots(3, 2, sharex=True)
+    clock = np.where(np.abs(recording.time) < ABSURD, recording.time, np.nan)
     for axis, (label, name, part, scale) in zip(axes.flat, PANELS, strict=True):
         values = _values(recording, name)
         axis.set_ylabel(label)
@@ -42,14 +44,17 @@ def draw(recording: Recording) -> Any:
         if values is None:
             axis.text(0.5, 0.5, "see the findings", transform=axis.transAxes, ha="center", color="#777777")
             continue
+        values = np.where(np.abs(values) < ABSURD, values, np.nan)
         for column, colour, direction in zip(values[:, part].T, COLOURS, "xyz", strict=True):
-            times, shown = _thinned(recording.time, scale * column)
+            times, shown = _thinned(clock, scale * column)
             axis.plot(times, shown, color=colour, linewidth=0.8, label=direction)
     for finding in recording.findings:
-        if finding.index < len(recording) and np.isfinite(recording.time[finding.index]):
+        if finding.index < len(recording) and np.isfinite(clock[finding.index]):
             for axis in axes.flat:
-                axis.axvline(recording.time[finding.index], color="#b9770e", linewidth=0.8, linestyle=":")
-    axes[0, 0].legend(loc="upper right", ncols=3, fontsize="small", frameon=False)
+                axis.axvline(clock[finding.index], color="#b9770e", linewidth=0.8, linestyle=":")
+    axes[2, 0].legend(
+        loc="upper right", ncols=3, fontsize="small", frameon=False
+    )  # the wrench is always there
     for axis in axes[-1]:
         axis.set_xlabel("time [s]")
     title = f"{len(recording)} samples, {recording.rate:.4g} Hz"

@@ -196,13 +196,15 @@ def nearest(name: str, names: Iterable[str]) -> str:
     lower = {other.lower(): other for other in names}
     close = difflib.get_close_matches(name.lower(), lower, n=1, cutoff=0.4)
     hint = f" The nearest is {lower[close[0]]!r}." if close else ""
-    return f"there {'are' if len(names) != 1 else 'is'}: {_listed(names)}.{hint}"
+    return f"there {'are' if len(names) != 1 else 'is'}: {listed(names)}.{hint}"
 
 
-def _listed(names: Sequence[str], most: int = 60) -> str:
-    short = [name if len(name) <= 60 else name[:57] + "..." for name in names[:most]]
+def listed(names: Sequence[str], most: int = 60) -> str:
+    """Names out of a file, on one line of reasonable length."""
+    plain = [ascii(name)[1:-1] for name in names[:most]]
+    short = [name if len(name) <= 60 else name[:57] + "..." for name in plain]
     more = f" and {len(names) - most} more" if len(names) > most else ""
-    return ", ".join(ascii(name)[1:-1] for name in short) + more if names else "none"
+    return ", ".join(short) + more if names else "none"
 
 
 def _mapping(name: str, value: Any) -> Mapping[str, Any]:

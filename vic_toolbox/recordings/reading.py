@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from vic_toolbox.errors import FileError, InputError
@@ -15,9 +16,11 @@ from vic_toolbox.recordings.arrays import read_hdf5, read_npz
 from vic_toolbox.recordings.assembly import assemble
 from vic_toolbox.recordings.bags import read_bag
 from vic_toolbox.recordings.clock import on_one_clock
+from vic_toolbox.recordings.containers import ZSTD, parts_of
 from vic_toolbox.recordings.layout import Layout
 from vic_toolbox.recordings.recording import Recording
 from vic_toolbox.recordings.repairs import repair as repair_recording
+from vic_toolbox.recordings.table import too_large
 from vic_toolbox.recordings.text import read_text
 
 MAGIC = {
@@ -27,6 +30,7 @@ MAGIC = {
     b"#ROSBAG V": "bag",
     b"\x89MCAP0\r\n": "bag",
     b"SQLite format 3\0": "bag",
+    ZSTD: "bag",
 }
 """How a file of each format begins; anything else is text."""
 
@@ -105,12 +109,26 @@ def read(
         "topics": topics,
     }
     stated = dataclasses.replace(Layout.of(layout), **{n: v for n, v in changes.items() if v is not None})
+    try:
+        with np.errstate(over="ignore", invalid="ignore"):  # numbers that are damage become findings
+            recording = _recording(path, stated, clock=clock, stamps=stamps, repair=repair)
+            return repair_recording(recording) if repair else recording
+    except (FileError, InputError) as error:
+        if str(path) in str(error):
+            raise
+        raise type(error)(f"{path}: {error}") from error
+    except MemoryError as error:
+        raise too_large(path, "does not fit into memory") from error
+
+
+def _recording(path: Path, layout: Layout, *, clock: str | float, stamps: str, repair: bool) -> Recording:
+    """The recording in a file, as it is."""
     kind = format_of(path)
     if kind == "bag":
-        streams, notes = read_bag(path, stated.topics, stamps=stamps, repair=repair)
+        streams, notes = read_bag(path, layout.topics, stamps=stamps, repair=repair)
         table = on_one_clock(str(path), streams, clock=clock, repair=repair)
         content = dataclasses.replace(table, notes=(*notes, *table.notes))
-        if stated.reference == "logged" and "reference_position" not in content.fields and not stated.columns:
+        if layout.reference == "logged" and "reference_position" not in content.fields and not layout.columns:
             raise InputError(
                 f"{path} has no topic that could be the reference (a pose called desired, reference, target ...); "
                 "state it, topics reference = ..., or choose reference 'start' or 'mean' for one that stands still."
@@ -121,8 +139,7 @@ def read(
         content = read_hdf5(path)
     else:
         content = read_text(path, repair=repair)
-    recording = content if isinstance(content, Recording) else assemble(content, stated)
-    return repair_recording(recording) if repair else recording
+    return content if isinstance(content, Recording) else assemble(content, layout)
 
 
 def format_of(path: Path) -> str:
@@ -135,9 +152,11 @@ def format_of(path: Path) -> str:
     """
     try:
         if path.is_dir():
-            if (path / "metadata.yaml").is_file() or any(path.glob("*.mcap")):
+            if parts_of(path):
                 return "bag"
-            raise FileError(f"{path} is a folder without a ROS 2 bag (no metadata.yaml); pass a file.")
+            raise FileError(f"{path} is a folder without a ROS 2 bag (no .db3, no .mcap); pass a file.")
+        if path.exists() and not path.is_file():
+            raise FileError(f"{path} is a device or a pipe, which cannot be read twice; pass a file.")
         with path.open("rb") as file:
             start = file.read(16)
     except FileError:

@@ -181,12 +181,13 @@ class Recording:
     @property
     def duration(self) -> float:
         """From the first sample to the last [s]."""
-        return float(self.time[-1] - self.time[0])
+        return float(self.time[-1]) - float(self.time[0])
 
     @cached_property
     def rate(self) -> float:
         """Samples per second, from the median step [Hz]; NaN for a single sample."""
-        step = np.median(np.diff(self.time)) if len(self) > 1 else np.nan
+        with np.errstate(over="ignore", invalid="ignore"):  # a time that is damaged is a finding
+            step = np.median(np.diff(self.time)) if len(self) > 1 else np.nan
         return float(1.0 / step) if step else np.inf
 
     @cached_property
@@ -270,7 +271,7 @@ class Recording:
         return self.rows(keep)
 
     def rows(self, which: Any) -> Recording:
-        """The samples that an index, slice or mask picks, in that order."""
+        """The samples that indices, a slice or a mask pick, in that order."""
         return dataclasses.replace(self, **{name: array[which] for name, array in self.arrays().items()})
 
     def noted(self, *notes: str, **changes: Any) -> Recording:

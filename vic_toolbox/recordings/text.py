@@ -86,6 +86,8 @@ def _columns(
     path: Path, header: list[str], names: Sequence[str], *, skipped: int, delimiter: str | None, repair: bool
 ) -> dict[str, Array]:
     wanted = [header.index(name) for name in names]
+    # the limit is set only where the file can hold so much: loadtxt takes memory for all the rows it may read
+    most = LARGEST_SAMPLES + 1 if path.stat().st_size > 2 * len(header) * LARGEST_SAMPLES else None
     # the last column is read too, so that a line that breaks off is noticed whichever columns are wanted
     usecols = [*wanted, len(header) - 1]
     try:
@@ -97,7 +99,7 @@ def _columns(
                 skiprows=skipped,
                 usecols=usecols,
                 ndmin=2,
-                max_rows=LARGEST_SAMPLES + 1,
+                max_rows=most,
                 quotechar='"',
                 encoding="utf-8-sig",
             )

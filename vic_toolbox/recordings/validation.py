@@ -75,7 +75,9 @@ def findings(recording: Recording) -> tuple[Finding, ...]:
     tuple of Finding
         Empty where nothing was found.
     """
-    found = [*_not_finite(recording), *_time(recording), *_orientations(recording)]
+    with np.errstate(over="ignore", invalid="ignore"):
+        found = [*_not_finite(recording), *_time(recording), *_orientations(recording)]
+        flips = list(_flips(recording))
     if not found:  # the remaining questions make sense for finite numbers on an increasing clock only
         found = [
             *_rows(recording),
@@ -83,7 +85,6 @@ def findings(recording: Recording) -> tuple[Finding, ...]:
             *_far_reference(recording),
             *_sensor(recording),
         ]
-    flips = list(_flips(recording))
     return tuple(sorted([*found, *flips], key=lambda finding: finding.severity != "error"))
 
 
@@ -107,8 +108,7 @@ def _not_finite(recording: Recording) -> Iterator[Finding]:
 
 
 def _time(recording: Recording) -> Iterator[Finding]:
-    with np.errstate(invalid="ignore"):
-        step = np.diff(recording.time)
+    step = np.diff(recording.time)
     back, same = step < 0, step == 0
     if back.any():
         index = int(back.argmax()) + 1

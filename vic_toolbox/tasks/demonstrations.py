@@ -11,9 +11,10 @@ from __future__ import annotations
 import dataclasses
 import os
 import zipfile
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -21,6 +22,11 @@ from vic_toolbox.errors import Array, FileError, InputError, finite_array, finit
 from vic_toolbox.files import atomic_path
 from vic_toolbox.tasks.task import Task
 from vic_toolbox.tasks.vector_environment import VectorEnvironment
+
+if TYPE_CHECKING:
+    from vic_toolbox.estimation import GainEstimate
+    from vic_toolbox.gains import ImpedanceGains
+    from vic_toolbox.recordings import Recording
 
 PUSH_MEMORY = 0.1
 """Correlation time of the pushes [s]."""
@@ -75,6 +81,52 @@ class Demonstrations:
 
     def __len__(self) -> int:
         return len(self.actions)
+
+    @classmethod
+    def from_recordings(
+        cls,
+        recordings: Recording | Iterable[Recording],
+        estimate: GainEstimate | Sequence[GainEstimate],
+        *,
+        task: Task,
+        fallback: ImpedanceGains | None = None,
+    ) -> Demonstrations:
+        """Demonstrations from recordings of an arm, a human's for example, and the gains that were fitted to them.
+
+        Observations are ``(e, ė)`` of the recordings at the steps of the task, actions what sets K(t), B(t) there.
+        Gains that the task's action cannot write are approximated (:meth:`Parametrisation.closest_parameters`), and
+        clipped to its range with a warning that says how much. All trajectories are as long as the shortest, at most
+        the task's horizon: scores of shorter ones do not compare with those of whole episodes.
+
+        Parameters
+        ----------
+        recordings : Recording, or iterable of them
+            Motions about the task's goal, in world axes: as they were fitted, in the same order.
+        estimate : GainEstimate, or one for each recording
+            One for several recordings is a pooled one, whose clock starts with each of them.
+        task : Task
+            Whose observations, action space and score to use.
+        fallback : ImpedanceGains, optional
+            For axes and times that the data do not determine.
+
+        Raises
+        ------
+        InputError
+            Gains are not determined and there is no fallback, the times do not fit each other, or the task
+            observes something else.
+        """
+        from vic_toolbox.tasks.recorded import trajectories
+
+        return cls(
+            **trajectories(recordings, estimate, task=task, fallback=fallback),
+            task=task.name,
+            action=task.action,
+            scenario=task.scenario.name,
+            history=task.history,
+            push=0.0,
+            start_noise=0.0,
+            seed=0,
+        )
 
     def split(self, held_out: int) -> tuple[Demonstrations, Demonstrations]:
         """Split off the last ``held_out`` trajectories: (the others, these).

@@ -120,6 +120,10 @@ class Task(Protocol):
         """The expert's action, (..., action_size)."""
         ...
 
+    def gains_to_action(self, parameters: np.ndarray, observations: np.ndarray) -> np.ndarray:
+        """Action with the effect of gain parameters [SI] at the observations."""
+        ...
+
     def constant_action(
         self, observations: np.ndarray | None = None, *, which: str = "constant"
     ) -> np.ndarray:
