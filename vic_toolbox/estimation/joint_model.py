@@ -202,6 +202,10 @@ class JointModel:
             "ipopt.sb": "yes",
             "ipopt.tol": 1e-8,
             "ipopt.max_iter": 300,
+            # the objective is a mean over samples: what changes it by less than this changes no likelihood
+            "ipopt.acceptable_obj_change_tol": 1e-8,
+            "ipopt.acceptable_tol": 1e-2,
+            "ipopt.acceptable_iter": 4,
         }
         solver = casadi.nlpsol("joint", "ipopt", {"x": variables, "f": objective / order}, options)
         begin, lower, upper = (np.concatenate(v) for v in (first, low, high))
@@ -213,7 +217,8 @@ class JointModel:
             "Solved_To_Acceptable_Level",
             "Search_Direction_Becomes_Too_Small",
         ):
-            raise FitError(f"IPOPT stopped with {status}; ask for less at once, or for larger knots.")
+            remedy = "is there a spring at all? If so, ask for less at once, or for larger knots"
+            raise FitError(f"IPOPT stopped with {status}: {remedy}.")
         return self._unpacked(x, np.asarray(result["x"])[:, 0], sizes, units)
 
     def _symbolic_residual(

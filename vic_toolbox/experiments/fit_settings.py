@@ -17,8 +17,8 @@ class FitSettings:
 
     method: Literal["smooth", "windows"] = "smooth"
     """Splines through every sample, or the paper's sliding window."""
-    knots: float = 0.1
-    """Finest change of the gains that can be seen [s] (smooth)."""
+    knots: float | None = None
+    """Finest change of the gains that can be seen [s]; by default 0.1, for full matrices 0.5 (smooth)."""
     constant: bool = False
     """Gains that do not change at all (smooth)."""
     window: int = 10
@@ -59,7 +59,8 @@ class FitSettings:
             A number is out of range, or options do not go together.
         """
         one_of("method", self.method, ("smooth", "windows"))
-        positive("knots", self.knots)
+        if self.knots is not None:
+            positive("knots", self.knots)
         integer("window", self.window, low=3)
         integer("step", self.step, low=1)
         for name in ("mass", "smoothing", "contact"):

@@ -220,9 +220,10 @@ def _estimate(used: Sequence[Recording], settings: FitSettings) -> GainEstimate:
             solver=settings.solver,
             step=settings.step,
         )
+    knots = "auto" if settings.knots is None else settings.knots
     return estimation.fit_smooth(
         used,
-        None if settings.constant else settings.knots,
+        None if settings.constant else knots,
         structure=settings.structure,
         constraint=settings.chosen_constraint,
         solver=settings.solver,
