@@ -37,7 +37,7 @@ ROWS = {
     "recordings": row(1, "rosbags", "mcap", "h5py", "lz4", "zstandard", "matplotlib"),
     "control": row(2, "numba"),
     "estimation": row(2, "casadi", "clarabel", "matplotlib", "sklearn", "threadpoolctl"),
-    "stability": row(2, "control", "cvxpy"),
+    "stability": row(2, "control", "cvxpy", "clarabel", "threadpoolctl"),
     "tasks": row(3, "mujoco", "gymnasium", "imageio", "imageio_ffmpeg"),
     "learning": row(4, "torch", "safetensors", "threadpoolctl"),
     "twin": row(4),
