@@ -17,9 +17,9 @@ import numpy as np
 import scipy.linalg
 from threadpoolctl import threadpool_limits
 
-from vic_toolbox.stability.kronander_billard import kronander_billard
-from vic_toolbox.stability.sampled import sampled_stability
-from vic_toolbox.stability.z_width import z_width
+from vic_toolbox.stability.sampling.sampled import sampled_stability
+from vic_toolbox.stability.sampling.z_width import z_width
+from vic_toolbox.stability.schedules.kronander_billard import kronander_billard
 
 FULL, DIAGONAL = 100_000, 1_000_000
 LOOP = 10_000
@@ -151,7 +151,7 @@ def bare_radius(k: float, b: float, mass: float = 1.0, friction: float = 0.5, pe
 
 def learned_policy() -> dict[str, float]:
     """A small network K(e, ė), B(e, ė) of six axes, on a rollout of 200 steps."""
-    from vic_toolbox.stability.policy import policy_stability
+    from vic_toolbox.stability.policies.policy import policy_stability
 
     rng = np.random.default_rng(0)
     first, second = rng.normal(size=(12, 64)) / 4, rng.normal(size=(64, 12)) / 8

@@ -9,10 +9,10 @@ import pytest
 
 from vic_toolbox.errors import Array, InputError
 from vic_toolbox.stability import Certificate
-from vic_toolbox.stability.alpha_program import AlphaProgram
-from vic_toolbox.stability.alpha_schedule import alpha_schedule
-from vic_toolbox.stability.kronander_billard import kronander_billard
-from vic_toolbox.stability.smallest_damping import smallest_damping
+from vic_toolbox.stability.schedules.alpha_program import AlphaProgram
+from vic_toolbox.stability.schedules.alpha_schedule import alpha_schedule
+from vic_toolbox.stability.schedules.kronander_billard import kronander_billard
+from vic_toolbox.stability.schedules.smallest_damping import smallest_damping
 
 pytest.importorskip("clarabel")
 ROUND = np.linspace(0, 2 * np.pi, 400)

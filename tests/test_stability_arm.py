@@ -18,10 +18,10 @@ from vic_toolbox.spatial import (
     rotation_log,
     rotation_to_quat_wxyz,
 )
-from vic_toolbox.stability.arm import arm_passivity
-from vic_toolbox.stability.inertia_passivity import inertia_passivity
-from vic_toolbox.stability.orientation_stiffness import orientation_stiffness
-from vic_toolbox.stability.path_inertia import path_inertia
+from vic_toolbox.stability.arms.arm import arm_passivity
+from vic_toolbox.stability.arms.inertia_passivity import inertia_passivity
+from vic_toolbox.stability.arms.orientation_stiffness import orientation_stiffness
+from vic_toolbox.stability.arms.path_inertia import path_inertia
 from vic_toolbox.stability.verdict import Certificate, CounterExample
 from vic_toolbox.tasks import cup_scene
 from vic_toolbox.tasks.cup_on_plate import GAINS

@@ -11,11 +11,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vic_toolbox.errors import InputError
-from vic_toolbox.stability.axis_crossings import axis_crossings
-from vic_toolbox.stability.contact import contact
-from vic_toolbox.stability.contact_edges import held_step
-from vic_toolbox.stability.contact_loop import ContactLoop, quasipolynomial
-from vic_toolbox.stability.delay_loop import rightmost_root, unstable_roots
+from vic_toolbox.stability.environments.axis_crossings import axis_crossings
+from vic_toolbox.stability.environments.contact import contact
+from vic_toolbox.stability.environments.contact_edges import held_step
+from vic_toolbox.stability.environments.contact_loop import ContactLoop, quasipolynomial
+from vic_toolbox.stability.environments.delay_loop import rightmost_root, unstable_roots
 from vic_toolbox.stability.verdict import CounterExample
 
 FLEXIBLE = {"joint_stiffness": 2e4, "joint_inertia": 0.8, "joint_damping": 3.0}

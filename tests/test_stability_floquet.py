@@ -15,9 +15,9 @@ from scipy.special import mathieu_a, mathieu_b
 
 from vic_toolbox.errors import InputError
 from vic_toolbox.stability import CounterExample
-from vic_toolbox.stability.floquet import floquet, multipliers
-from vic_toolbox.stability.free_motion import FreeMotion
-from vic_toolbox.stability.smallest_damping import smallest_damping
+from vic_toolbox.stability.schedules.floquet import floquet, multipliers
+from vic_toolbox.stability.schedules.free_motion import FreeMotion
+from vic_toolbox.stability.schedules.smallest_damping import smallest_damping
 
 PERIOD = 2 * np.pi
 
@@ -185,7 +185,7 @@ def test_integrators_that_disagree_prove_nothing(monkeypatch: pytest.MonkeyPatch
 
 
 def test_a_motion_that_cannot_be_integrated_is_no_answer(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr("vic_toolbox.stability.free_motion.EVALUATIONS", 200)
+    monkeypatch.setattr("vic_toolbox.stability.schedules.free_motion.EVALUATIONS", 200)
     verdict = floquet(10, wave, 3, period=PERIOD)
     assert verdict.status == "inconclusive"
     assert "given up" in verdict.reason

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from vic_toolbox.errors import InputError
 from vic_toolbox.stability import Certificate, CounterExample
-from vic_toolbox.stability.held_gains import held_gains
+from vic_toolbox.stability.schedules.held_gains import held_gains
 
 INWARD, OUTWARD = np.pi / 2 / np.sqrt(2), np.pi / 2
 SWITCHED = [0.0, INWARD, INWARD + OUTWARD]

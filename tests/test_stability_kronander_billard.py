@@ -9,8 +9,8 @@ import pytest
 
 from vic_toolbox.errors import Array, InputError
 from vic_toolbox.stability import Certificate, CounterExample
-from vic_toolbox.stability.kronander_billard import kronander_billard
-from vic_toolbox.stability.smallest_damping import smallest_damping
+from vic_toolbox.stability.schedules.kronander_billard import kronander_billard
+from vic_toolbox.stability.schedules.smallest_damping import smallest_damping
 
 ROUND = np.linspace(0, 2 * np.pi, 401)
 WAVE = 12 + 10 * np.sin(ROUND)

@@ -11,11 +11,11 @@ from hypothesis import strategies as st
 
 from vic_toolbox.errors import Array, InputError
 from vic_toolbox.stability import Certificate, CounterExample, Verdict
-from vic_toolbox.stability.alpha_schedule import alpha_schedule
-from vic_toolbox.stability.floquet import floquet
-from vic_toolbox.stability.kb_map import kb_map
-from vic_toolbox.stability.kronander_billard import kronander_billard
-from vic_toolbox.stability.smallest_damping import smallest_damping
+from vic_toolbox.stability.schedules.alpha_schedule import alpha_schedule
+from vic_toolbox.stability.schedules.floquet import floquet
+from vic_toolbox.stability.schedules.kb_map import kb_map
+from vic_toolbox.stability.schedules.kronander_billard import kronander_billard
+from vic_toolbox.stability.schedules.smallest_damping import smallest_damping
 
 pytest.importorskip("clarabel")
 

@@ -7,9 +7,9 @@ import pytest
 
 from vic_toolbox.errors import Array, InputError
 from vic_toolbox.stability import Certificate, CounterExample
-from vic_toolbox.stability.kronander_billard import kronander_billard
-from vic_toolbox.stability.moving_mass import moving_mass
-from vic_toolbox.stability.smallest_damping import smallest_damping
+from vic_toolbox.stability.schedules.kronander_billard import kronander_billard
+from vic_toolbox.stability.schedules.moving_mass import moving_mass
+from vic_toolbox.stability.schedules.smallest_damping import smallest_damping
 
 TIME = np.linspace(0, 10, 500)
 MASS = 2 * (1 + TIME) ** 2

@@ -10,8 +10,8 @@ from scipy.linalg import eigh
 
 from vic_toolbox.errors import Array, InputError
 from vic_toolbox.stability.arguments import matrices, positive_matrices
-from vic_toolbox.stability.between_samples import Coefficient, failing
-from vic_toolbox.stability.definite import (
+from vic_toolbox.stability.schedules.between_samples import Coefficient, failing
+from vic_toolbox.stability.schedules.definite import (
     diagonals,
     least_ratio,
     pack,
@@ -19,8 +19,8 @@ from vic_toolbox.stability.definite import (
     relative_slack,
     unpack,
 )
-from vic_toolbox.stability.pencil import largest, least
-from vic_toolbox.stability.schedule import Schedule, slopes
+from vic_toolbox.stability.schedules.pencil import largest, least
+from vic_toolbox.stability.schedules.schedule import Schedule, slopes
 
 
 def symmetric(rng: np.random.Generator, n: int, d: int) -> Array:

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from vic_toolbox.stability import Certificate, CounterExample, Verdict
-from vic_toolbox.stability.floquet import floquet
-from vic_toolbox.stability.held_gains import held_gains
-from vic_toolbox.stability.kronander_billard import kronander_billard
-from vic_toolbox.stability.moving_mass import moving_mass
+from vic_toolbox.stability.schedules.floquet import floquet
+from vic_toolbox.stability.schedules.held_gains import held_gains
+from vic_toolbox.stability.schedules.kronander_billard import kronander_billard
+from vic_toolbox.stability.schedules.moving_mass import moving_mass
 
 ROUND = np.linspace(0, 2 * np.pi, 200)
 WAVE = 12 + 10 * np.sin(ROUND)

@@ -15,13 +15,13 @@ from vic_toolbox.errors import InputError
 from vic_toolbox.gains import DampingFactor, DiagonalStiffness, ImpedanceGains
 from vic_toolbox.learning import GaussianPolicy
 from vic_toolbox.models import load_robot
-from vic_toolbox.stability import held_force
-from vic_toolbox.stability.loop_energy import loop_energy
-from vic_toolbox.stability.policy import policy_stability
-from vic_toolbox.stability.policy_jacobian import policy_jacobian
-from vic_toolbox.stability.policy_loop import PolicyLoop
-from vic_toolbox.stability.policy_range import range_certificate
-from vic_toolbox.stability.region_of_attraction import lyapunov_matrix, region_of_attraction
+from vic_toolbox.stability.policies import held_force
+from vic_toolbox.stability.policies.loop_energy import loop_energy
+from vic_toolbox.stability.policies.policy import policy_stability
+from vic_toolbox.stability.policies.policy_jacobian import policy_jacobian
+from vic_toolbox.stability.policies.policy_loop import PolicyLoop
+from vic_toolbox.stability.policies.policy_range import range_certificate
+from vic_toolbox.stability.policies.region_of_attraction import lyapunov_matrix, region_of_attraction
 from vic_toolbox.stability.verdict import Certificate, CounterExample, Verdict
 
 seeds = st.integers(0, 2**32 - 1)

@@ -11,8 +11,8 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from vic_toolbox.errors import InputError
-from vic_toolbox.stability.port_passivity import port_passivity
-from vic_toolbox.stability.positive_real import positive_real, rational
+from vic_toolbox.stability.environments.port_passivity import port_passivity
+from vic_toolbox.stability.environments.positive_real import positive_real, rational
 from vic_toolbox.stability.verdict import CounterExample, Verdict
 
 

@@ -13,10 +13,10 @@ from hypothesis import strategies as st
 from scipy.linalg import expm
 
 from vic_toolbox.errors import InputError
-from vic_toolbox.stability.common_lyapunov import common_lyapunov
-from vic_toolbox.stability.gain_box import gain_box
-from vic_toolbox.stability.safe_range import safe_range
-from vic_toolbox.stability.switching import critical_damping, half_turn_growth, worst_case_switching
+from vic_toolbox.stability.ranges.common_lyapunov import common_lyapunov
+from vic_toolbox.stability.ranges.gain_box import gain_box
+from vic_toolbox.stability.ranges.safe_range import safe_range
+from vic_toolbox.stability.ranges.switching import critical_damping, half_turn_growth, worst_case_switching
 from vic_toolbox.stability.verdict import Certificate, CounterExample
 
 UNITS = [(1.0, 1.0), (1e-3, 1.0), (1.0, 1e3), (1e3, 1e-3)]

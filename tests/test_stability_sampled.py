@@ -11,12 +11,16 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from vic_toolbox.errors import InputError
-from vic_toolbox.stability.sampled import sampled_stability
-from vic_toolbox.stability.sampled_characteristic import characteristic, schur_stable, spectral_radius
-from vic_toolbox.stability.sampled_passivity import sampled_passivity
-from vic_toolbox.stability.sampled_wall import passive_damping, required_damping
+from vic_toolbox.stability.sampling.sampled import sampled_stability
+from vic_toolbox.stability.sampling.sampled_characteristic import (
+    characteristic,
+    schur_stable,
+    spectral_radius,
+)
+from vic_toolbox.stability.sampling.sampled_passivity import sampled_passivity
+from vic_toolbox.stability.sampling.sampled_wall import passive_damping, required_damping
+from vic_toolbox.stability.sampling.z_width import z_width
 from vic_toolbox.stability.verdict import Certificate, CounterExample
-from vic_toolbox.stability.z_width import z_width
 
 WAYS = [
     {"velocity": velocity, "delay_steps": steps, "physical_damping": friction}

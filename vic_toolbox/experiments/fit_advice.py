@@ -210,8 +210,8 @@ def _inertial(used: Sequence[Recording]) -> Iterator[Advice]:
     if share > INERTIAL:
         yield Advice(
             "warning",
-            f"a constant mass times the acceleration explains {100 * share:.0f} % of the force, so the gains may be those "
-            "of the arm that was moved, whatever their bands say",
+            f"a constant mass times the acceleration explains {100 * share:.0f} % of the force, so the gains may "
+            "be those of the arm that was moved, whatever their bands say",
             "Did a hand guide a free arm? Let its controller push as well, with several frequencies ('vic twin study' "
             "shows what that buys). Was it a spring? Move it at several frequencies",
         )

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from vic_toolbox.errors import Array, InputError, finite_array
-from vic_toolbox.stability.definite import CHUNK, diagonals, lower, pack, positive_definite
+from vic_toolbox.stability.schedules.definite import CHUNK, diagonals, lower, pack, positive_definite
 
 SYMMETRY = 1e-9
 """Largest asymmetry of a gain matrix, relative to its largest entry."""

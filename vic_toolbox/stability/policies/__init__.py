@@ -1,0 +1,1 @@
+"""Gains from a policy: the closed loop's Jacobian, what it can hold, growing motions, regions of attraction."""

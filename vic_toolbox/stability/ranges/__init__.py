@@ -1,0 +1,1 @@
+"""Gains anywhere in a range, changing as they like: common Lyapunov functions, worst-case switching, safe ranges."""
