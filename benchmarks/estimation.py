@@ -19,10 +19,11 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from benchmarks.estimation_cases import CASES
 from tests import gain_data
 from tests.gain_data import NOISE, clock, diagonal, diagonals, recorded, rich_motion
 from vic_toolbox import recordings
-from vic_toolbox.estimation import GainEstimate, fit_smooth, fit_windows
+from vic_toolbox.estimation import GainEstimate, fit_smooth
 from vic_toolbox.estimation.cones import clarabel_installed, solve_cones
 from vic_toolbox.estimation.programs import diagonal_programs
 from vic_toolbox.estimation.samples import samples
@@ -42,7 +43,7 @@ def main() -> None:
         return
     result: dict[str, Any] = {}
     with threadpool_limits(1):
-        for measure in (bound, smooth, full_spd, known_answers, speed):
+        for measure in (bound, smooth, full_spd, *CASES, speed):
             found = measure()
             print(f"{measure.__name__:14s} {found}", flush=True)
             result |= found
@@ -122,34 +123,6 @@ def full_spd() -> dict[str, float]:
         "full_spd_percent_worst": round(100 * max(errors), 2),
         "full_spd_smallest_eigenvalue": round(float(min(smallest)), 4),
         "full_spd_seconds": round(float(np.median(seconds)), 2),
-    }
-
-
-def known_answers() -> dict[str, float]:
-    """One number for each case: A1, A2 by their relative error, the others as they are."""
-    from vic_toolbox.estimation.splines import Basis
-
-    t = clock(10.0)
-    rng = np.random.default_rng(0)
-    e, v = rich_motion(t, rng)
-    constant = diagonal(profile="constant", noise=0.0)
-    exact = fit_windows(constant.recording)
-    basis = Basis.spaced(t[0], t[-1], 0.1)
-    k = basis.evaluate(600 + 150 * rng.uniform(-1, 1, (basis.size, 6)), t)
-    b = basis.evaluate(40 + 10 * rng.uniform(-1, 1, (basis.size, 6)), t)
-    spline = fit_smooth(recorded(t, e, v, k * e + b * v), at=t[::50])
-    negative = fit_windows(recorded(t, e, v, -200 * e + 30 * v), len(t), constraint="positive")
-    late = np.concatenate([np.zeros((5, 6)), (600 * e + 59.4 * v)[:-5]])
-    late += 0.2 * rng.normal(size=e.shape)
-    delayed = recorded(t, e, v, late)
-    found = fit_smooth(delayed, None, latency=True)
-    return {
-        "a1_relative": float(np.abs(diagonals(exact.stiffness) / constant.stiffness[:9991] - 1).max()),
-        "a2_relative": float(np.abs(diagonals(spline.stiffness) / k[::50] - 1).max()),
-        "a3_stiffness": float(diagonals(negative.stiffness).max()),
-        "a7_damping_blind": round(float(np.mean(diagonals(fit_smooth(delayed, None).damping))), 2),
-        "a7_damping": round(float(np.mean(diagonals(found.damping))), 2),
-        "a7_latency_ms": round(1e3 * float(found.parameters["latency"]), 3),
     }
 
 

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from benchmarks import estimation_cases
 from tests.gain_data import (
     MASS,
     NOISE,
@@ -177,6 +178,21 @@ def test_huber_shrugs_at_outliers():
     assert squares.mean() == pytest.approx(612, abs=4)
     assert huber == pytest.approx(np.full(6, 600.2), abs=0.6)
     assert fit_smooth(data, 0.2, robust=True).noise == pytest.approx(np.full(6, 0.2), rel=0.06)
+
+
+def test_a_spring_at_the_tip_is_coupled_at_the_hand():
+    """Case A6: rotational 18.0, coupling 120; diag(800, 400) turned by 30°."""
+    found = estimation_cases.tip_stiffness()
+    assert found == pytest.approx(
+        {"a6_rotational": 18.0, "a6_coupling": 120.0, "a6_yaw_x": 700.0, "a6_yaw_y": 500.0, "a6_yaw_xy": 173.2},
+        rel=1e-3,
+    )
+
+
+def test_inertia_is_read_as_negative_stiffness():
+    """Case A9: K − M ω² at 0.5, 1 and 2 Hz, and K once the inertia is taken out."""
+    found = list(estimation_cases.inertia().values())
+    assert found == pytest.approx([570.4, 481.6, 126.3, 600.0], abs=0.06)
 
 
 # --- honest bands -----------------------------------------------------------------------------------------------
