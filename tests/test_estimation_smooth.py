@@ -184,7 +184,13 @@ def test_a_spring_at_the_tip_is_coupled_at_the_hand():
     """Case A6: rotational 18.0, coupling 120; diag(800, 400) turned by 30°."""
     found = estimation_cases.tip_stiffness()
     assert found == pytest.approx(
-        {"a6_rotational": 18.0, "a6_coupling": 120.0, "a6_yaw_x": 700.0, "a6_yaw_y": 500.0, "a6_yaw_xy": 173.2},
+        {
+            "a6_rotational": 18.0,
+            "a6_coupling": 120.0,
+            "a6_yaw_x": 700.0,
+            "a6_yaw_y": 500.0,
+            "a6_yaw_xy": 173.2,
+        },
         rel=1e-3,
     )
 
