@@ -70,7 +70,7 @@ def amplitudes() -> dict[str, float]:
         fit = fit_windows(recorded(t, e, v, 6e3 * e + 30 * v + noise), 1000, noise=np.full(6, 0.2))
         found[f"a4_deviation_{name}_mm"] = round(float(np.nanmedian(diagonals(fit.stiffness_sd))), 2)
     still = fit_smooth(recorded(t, 0 * turn, 0 * turn, noise), None)
-    return found | {"a4_observable_at_rest": int(still.observable.sum())}
+    return found | {"a4_observable_at_rest": float(still.observable.sum())}
 
 
 def bias() -> dict[str, float]:
