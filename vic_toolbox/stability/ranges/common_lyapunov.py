@@ -145,8 +145,8 @@ def _groups(masses: Array, springs: Array, dampers: Array) -> list[_Group]:
     groups = []
     for label in range(number):
         axes = np.flatnonzero(labels == label)
-        block = np.ix_(np.arange(len(masses)), axes, axes)
-        groups.append(_scaled(axes, masses[block], springs[block], dampers[block]))
+        blocks = (gains[:, axes[:, None], axes] for gains in (masses, springs, dampers))
+        groups.append(_scaled(axes, *blocks))
     assert sum(len(group.axes) for group in groups) == d
     return groups
 
@@ -185,7 +185,7 @@ def _assembled(groups: list[_Group], found: list[CommonQuadratic], d: int) -> Ar
     whole = np.zeros((2 * d, 2 * d))
     for group, answer in zip(groups, found, strict=True):
         rows = np.concatenate([group.axes, d + group.axes])
-        whole[np.ix_(rows, rows)] = group.scaling.T @ answer.matrix @ group.scaling
+        whole[rows[:, None], rows] = group.scaling.T @ answer.matrix @ group.scaling
     return whole
 
 
