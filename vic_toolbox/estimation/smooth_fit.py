@@ -281,7 +281,9 @@ class SmoothModel:
             pointwise(problem.variances(log, solution), first, values)
             for problem, solution, log in zip(fit.problems, fit.solutions, fit.logarithms, strict=True)
         ]
-        sd = np.sqrt(np.stack(variances, axis=1)) * (fit.noise * fit.widening * factor)[:, None] * self.units
+        scale = (fit.noise * fit.widening * factor)[:, None] * self.units
+        with np.errstate(invalid="ignore"):  # infinite variance, no noise: not known
+            sd = np.sqrt(np.stack(variances, axis=1)) * scale
         return sd[..., 0], sd[..., 1]
 
 

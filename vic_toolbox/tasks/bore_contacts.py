@@ -147,7 +147,8 @@ def _compile() -> Any:
         if position[2] - peg[1] * abs(axis[2]) - peg[0] * sine >= margin:
             return 0
         # The aligned frame's x; a cylinder has no head, so the axis may be turned over.
-        ex, ey = (flip * axis[0] / sine, flip * axis[1] / sine) if sine > 0.0 else (1.0, 0.0)
+        tilted = sine > 1e-150  # below, squares underflow and the direction has no unit length
+        ex, ey = (flip * axis[0] / sine, flip * axis[1] / sine) if tilted else (1.0, 0.0)
         center = (ex * position[0] + ey * position[1], ex * position[1] - ey * position[0], position[2])
         count = _aligned_contacts(rows, center, (sine, flip * axis[2]), peg, hole, margin)
         for i in range(count):
