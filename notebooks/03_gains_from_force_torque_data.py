@@ -443,7 +443,7 @@ with np.printoptions(precision=1, suppress=True):
 from vic_toolbox import twin
 
 robot = twin.Twin(seed=0)  # inertias, friction, delay and noise that the model does not know
-session = twin.guide(robot, count=3 if FAST else 30, seed=7)
+session = twin.guide(robot, count=6 if FAST else 30, seed=7)
 twin.save_session(session, robot, FOLDER / "guided")
 # calibrated, compensated, cut before the cup stands on the plate
 logs = twin.load_session(FOLDER / "guided", stop=2.6)
@@ -495,7 +495,7 @@ for name, score in scores.items():
 # 5 N of a multi-sine. Without it:
 
 # %%
-calm = twin.guide(robot, count=3 if FAST else 30, seed=7, excitation=twin.Excitation(force=0.0))
+calm = twin.guide(robot, count=6 if FAST else 30, seed=7, excitation=twin.Excitation(force=0.0))
 twin.save_session(calm, robot, FOLDER / "undisturbed")
 undisturbed = twin.load_session(FOLDER / "undisturbed", stop=2.6)
 score = twin.compare(fit_smooth(undisturbed, knots=0.2), calm.truth)
@@ -526,12 +526,13 @@ for name, many in (("pushed", logs), ("undisturbed", undisturbed)):
 # %%
 from vic_toolbox import tasks
 
-gains = hand.to_gains([0.5, 1.5, 2.5])  # matrices K, B (3, 6, 6), for control.CartesianLaw
-print(np.round(np.diagonal(gains.stiffness, axis1=1, axis2=2)[:, :3]), "N/m at 0.5, 1.5 and 2.5 s")
+gains = hand.to_gains([0.5, 1.5, 2.3])  # matrices K, B (3, 6, 6), for control.CartesianLaw
+print(np.round(np.diagonal(gains.stiffness, axis1=1, axis2=2)[:, :3]), "N/m at 0.5, 1.5 and 2.3 s")
 
 task = tasks.make("cup-on-plate")
+spare = task.gains.parameters_to_gains(task.constants["constant"])  # stands in where the data say nothing
 with warnings.catch_warnings(record=True) as told:
-    demonstrations = tasks.Demonstrations.from_recordings(logs, hand, task=task)
+    demonstrations = tasks.Demonstrations.from_recordings(logs, hand, task=task, fallback=spare)
 print(*(warning.message for warning in told), sep="\n")
 print(demonstrations.observations.shape, demonstrations.actions.shape)
 
