@@ -37,11 +37,12 @@ docs: $(VENV)/.docs  ## build the documentation into docs/_build/html; a warning
 	$(BIN)/sphinx-build -W --keep-going -q -b html docs docs/_build/html
 	@echo "documentation: docs/_build/html/index.html"
 
-bench: $(VENV)/.dev  ## measure simulation, collider, estimation and learner; the last line of each is one JSON object
+bench: $(VENV)/.dev  ## measure simulation, collider, estimation, stability and learner; the last line of each is one JSON object
 	$(BIN)/python -m benchmarks.simulation cup-on-plate
 	$(BIN)/python -m benchmarks.simulation peg-in-hole
 	$(BIN)/python -m benchmarks.collider
 	$(BIN)/python -m benchmarks.estimation
+	$(BIN)/python -m benchmarks.stability
 	$(BIN)/python -m benchmarks.learner
 
 results: $(VENV)/.dev  ## train and judge every method on every scenario, docs/results (about 80 minutes on 4 cores)

@@ -125,7 +125,12 @@ def z_width_map() -> dict[str, float]:
 
     def mapped() -> None:
         found = z_width(1.0, period=1e-3, physical_damping=0.5, **grid)
-        assert found.spectral_radius.size == found.passive.size == MAP**2
+        assert found.stable.size == found.spectral_radius.size == MAP**2
+
+    found = z_width(1.0, period=1e-3, physical_damping=0.5, **grid)
+    for k, b in points[:10]:  # both find the same
+        own = found.spectral_radius[found.damping == b, found.stiffness == k]
+        assert abs(own[0] - bare_radius(float(k), float(b))) < 1e-6
 
     own = seconds(mapped)
     share = MAP**2 / MAP_LOOP / own

@@ -97,6 +97,11 @@ def test_damping_control_with_a_delay():
     assert contact(0, 0, 63.67, delay=0.01, environment_stiffness=1e4).status == "proved"
 
 
+def test_damping_control_needs_no_mass():
+    named = contact(damping=70, delay=0.01, environment_stiffness=1e4)
+    assert named.values["minimum_damping"] == pytest.approx(63.6620, abs=5e-5)
+
+
 def test_a_short_delay_acts_like_a_filter_and_a_short_period_like_half_of_it():
     plain = contact(5, 0, 100, filter_time=0.02).values["max_environment_stiffness"]
     late = contact(5, 0, 100, filter_time=0.02, delay=1e-6).values["max_environment_stiffness"]

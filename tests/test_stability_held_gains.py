@@ -117,6 +117,18 @@ def test_units_change_no_verdict(factor: float):
         assert one.values["spectral_radius"] == pytest.approx(other.values["spectral_radius"], rel=1e-9)
 
 
+def test_a_spring_without_stiffness_along_some_direction():
+    """Turned axes leave rounding where there is none: the gain of energy has no bound, and the round still closes."""
+    turn = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
+    k = (turn * [1.0, 0.0, 2.0]) @ turn.T
+    k = 0.5 * (k + k.T)
+    growing_ = held_gains(np.eye(3), np.stack([k, 2 * k]), 0.1 * np.eye(3), time=[0, 1])
+    assert growing_.status == "inconclusive"
+    assert growing_.values["energy_gain"] == np.inf
+    closed = held_gains(np.eye(3), np.stack([k, 2 * k, k * (1 + 1e-15)]), 0.1 * np.eye(3), time=[0, 1, 2])
+    assert "spectral_radius" in closed.values
+
+
 def test_bad_input_is_refused():
     with pytest.raises(InputError, match="error has shape"):
         held_gains(1, [1, 2], 1, time=[0, 1], error=[1, 2, 3])

@@ -86,6 +86,29 @@ def test_a_schedule_that_does_not_close_is_not_disproved():
     assert time[-1] == 1.4
 
 
+@pytest.mark.parametrize("samples", [200, 400, 1000, 10_000])
+@pytest.mark.parametrize("length", [2 * np.pi, 10.0])
+def test_kb2_to_six_digits_however_it_is_sampled(samples: int, length: float):
+    """As samples or as functions of the time."""
+    t = np.linspace(0, length, samples)
+    verdict = kronander_billard(10, 12 + 10 * np.sin(t), 1, time=t)
+    assert verdict.status != "proved"
+    assert verdict.values["alpha"] == pytest.approx(5 / np.sqrt(44), abs=5e-7)
+    of_time = kronander_billard(10, lambda s: 12 + 10 * np.sin(s), lambda _: 1.0, time=t)
+    assert of_time.values["alpha"] == verdict.values["alpha"]
+
+
+@pytest.mark.parametrize("rate", [0.1999, 0.199999, 0.200001, 0.2001])
+@pytest.mark.parametrize("samples", [50, 4000])
+def test_kb1_is_exact_on_both_sides(rate: float, samples: int):
+    t = np.linspace(0, 10, samples)
+    margin = abs(rate - 0.2) > 1e-5 or samples > 1000  # cubics through 50 samples are as exact as that
+    verdict = kronander_billard(10, 12 * np.exp(rate * t), 1, time=t)
+    if margin:
+        assert (verdict.status == "proved") == (rate < 0.2)
+    assert verdict.values["alpha"] == pytest.approx(rate / 2, abs=1e-6)
+
+
 def test_damping_that_changes_counts_with_its_slope():
     """m = 1, k = 100, d = 2 + sin(3 t): α (2 k − ḋ) ≥ 0 needs no α, and α ≤ min d = 1."""
     t = np.linspace(0, 2 * np.pi, 301)

@@ -90,6 +90,19 @@ def test_a_proved_schedule_never_grows(seed: int, d: int):
         assert (v[-1] <= v[0] * (1 + 1e-6)).all()
 
 
+def test_the_schedules_are_of_every_kind():
+    """So that what is tested here of proved and of disproved ones is tested at all."""
+    found = {method: [] for method in (kronander_billard, alpha_schedule)}
+    for seed in range(12):
+        t, m, k, b = random_schedule(seed, 1 + seed % 2, 160)
+        for method, statuses in found.items():
+            statuses.append(method(m, k, b, time=t).status)
+    one, two = found.values()
+    assert one.count("proved") >= 2
+    assert two.count("proved") > one.count("proved")
+    assert "inconclusive" in one
+
+
 @settings(max_examples=15)
 @given(seed=st.integers(0, 10**6), d=st.integers(1, 2))
 def test_the_ladder_holds_and_counter_examples_grow(seed: int, d: int):

@@ -88,6 +88,24 @@ def test_a_slow_drift_of_the_mass_changes_little():
     assert moving.values["alpha_max"] == pytest.approx(still.values["alpha_max"], rel=1e-3)
 
 
+def test_where_no_alpha_serves_it_is_said():
+    """Everything breathes together with coupled axes: no α, and a plain answer."""
+    t = np.linspace(0, 2 * np.pi, 100)
+    mass = np.array([[1.2, 0.1, 0.0], [0.1, 1.1, 0.05], [0.0, 0.05, 1.0]])
+    swing = np.sin(t)[:, None, None]
+    verdict = moving_mass(mass * (1 + 0.1 * swing), 5 * mass * (1 + 0.5 * swing), 0.3 * mass, time=t)
+    assert verdict.status == "inconclusive"
+    assert verdict.values["alpha"] == np.inf
+    assert np.isnan(verdict.values["alpha_max"])
+    assert "no constant α" in verdict.reason
+
+
+def test_functions_of_the_time_are_sampled():
+    verdict = moving_mass(lambda t: 2 * (1 + t) ** 2, 500, lambda t: 2.1 * (1 + t), time=TIME)
+    assert verdict.status == "proved"
+    assert verdict.margin == moving_mass(MASS, 500, 2.1 * (1 + TIME), time=TIME).margin
+
+
 @pytest.mark.parametrize("factor", [1e-6, 1e6])
 def test_units_change_no_verdict(factor: float):
     t = np.linspace(0, 2 * np.pi, 201)

@@ -10,6 +10,7 @@ from scipy.linalg import eigh
 
 from vic_toolbox.errors import Array, InputError
 from vic_toolbox.stability.arguments import matrices, positive_matrices
+from vic_toolbox.stability.schedules import pencil
 from vic_toolbox.stability.schedules.between_samples import Coefficient, failing
 from vic_toolbox.stability.schedules.definite import (
     diagonals,
@@ -72,6 +73,13 @@ def test_the_interval_of_alpha_ends_at_generalised_eigenvalues(seed: int, n: int
     assert upper.value == pytest.approx(-expected, rel=1e-8)
 
 
+def test_the_search_ends_where_elimination_and_eigenvalues_disagree(monkeypatch: pytest.MonkeyPatch):
+    """Nearly singular matrices of many samples: one test sees a violation that is rounding to the other."""
+    monkeypatch.setattr(pencil, "positive_definite", lambda packed: np.zeros(packed.shape[1], dtype=bool))
+    rows = pack(np.tile(np.eye(2), (1000, 1, 1)))
+    assert least(lambda samples: (rows[:, samples], rows[:, samples]), 1000, start=0.5).value == 0.5
+
+
 def test_no_alpha_is_found_where_there_is_none():
     a, b = pack(np.array([[[1.0, 0], [0, -1]]])), pack(np.array([[[-1.0, 0], [0, 0.5]]]))
     assert least(lambda s: (a[:, s], b[:, s]), 1).value == np.inf  # needs α ≥ 2 and α ≤ 1
@@ -112,6 +120,20 @@ def test_the_cubics_join_and_their_bernstein_form_is_theirs():
         np.testing.assert_allclose(found, schedule.at(np.array([at]))[0][:, 0], rtol=1e-12)
     np.testing.assert_allclose(part.slopes[3][:, 1], whole.slopes[3][:, 1], rtol=1e-9)
     np.testing.assert_allclose(part.slopes[0][:, 0], schedule.at(np.array([start]))[1][:, 0], rtol=1e-9)
+
+
+@given(seed=st.integers(0, 10**6), n=st.integers(5, 60), even=st.booleans())
+def test_bounds_hold_for_all_bernstein_coefficients(seed: int, n: int, even: bool):
+    rng = np.random.default_rng(seed)
+    t = np.cumsum(np.full(n, 0.1) if even else rng.uniform(0.01, 1, n))
+    schedule = Schedule.of(t, rng.normal(size=(3, n)), diagonal=True)
+    start = int(rng.integers(0, n - 2))
+    index = slice(start, int(rng.integers(start + 1, n)))
+    lowest, steepest = schedule.bounds(index)
+    found = schedule.cubics(index)
+    for value, slope in zip(found.values, found.slopes, strict=True):
+        assert (value >= (lowest - 1e-9 * np.abs(lowest))[:, None]).all()
+        assert (np.abs(slope) <= (steepest * (1 + 1e-9))[:, None]).all()
 
 
 @pytest.mark.parametrize("rate", [1, 7, 40])

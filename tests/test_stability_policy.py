@@ -300,11 +300,15 @@ def test_region_of_attraction_ends_where_the_policy_lets_go():
 
 
 def test_the_load_that_is_held_in_several_axes():
-    loop = PolicyLoop(lambda x: (1000 * np.exp(-(x[:, :2] ** 2) / [2e-4, 8e-4]), [20.0, 20.0]), np.eye(2))
+
+    def policy(x):
+        return 1000 * np.exp(-(x[:, :2] ** 2) / [2e-4, 8e-4]), [20.0, 20.0]
+
+    loop = PolicyLoop(policy, np.eye(2))
     held = held_force.largest_force(loop, reach=np.array([0.05, 0.015]))
     assert held.force[0] == pytest.approx(6.06531, abs=5e-6)
     assert list(held.at_edge) == [False, True]
-    rest = held_force.equilibrium(PolicyLoop(loop._call, np.eye(2), load=[3.0, -5.0]))
+    rest = held_force.equilibrium(PolicyLoop(policy, np.eye(2), load=[3.0, -5.0]))
     assert rest is not None
     np.testing.assert_allclose(1000 * np.exp(-(rest**2) / [2e-4, 8e-4]) * rest, [3.0, -5.0])
 
@@ -340,9 +344,9 @@ def rollout(count: int = 200, *, history: int = 1) -> np.ndarray:
 def test_a_learned_rollout_is_analysed_within_two_seconds():
     arm = load_robot("fanuc_lrmate200id7l", tool="cup_gripper")
     mass = arm.operational_space(arm.home, np.zeros(6)).mass
-    begin = time.perf_counter()
+    begin = time.process_time()  # of this work alone, whatever else the machine does
     verdict = policy_stability(learned(), mass, parametrisation=RANGE, rollout=rollout())
-    assert time.perf_counter() - begin < 2.0
+    assert time.process_time() - begin < 2.0
     assert verdict.status == "inconclusive"
     assert verdict.values["curl"] > 0
     assert np.isfinite(verdict.values["rollout_stiffness_power"])

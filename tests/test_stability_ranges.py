@@ -54,6 +54,19 @@ def test_one_axis_needs_the_difference_of_the_roots(mass, low, high, share):
     assert (verdict.margin > 0) == (share > 1)
 
 
+def test_vertices_as_people_write_them():
+    """Numbers, lists, a list of one that stands with all, matrices."""
+    for mass, stiffness, damping in [
+        (1.0, [1.0, 9.0], 2.1),
+        (1.0, [1.0, 9.0], [2.1, 2.1]),
+        ([1.0], [1.0, 9.0], [2.1]),
+        ([1.0, 1.0], [1.0, 4.0], [2.1, 2.1]),
+        (np.eye(2), [np.eye(2), 9 * np.eye(2)], [2.1 * np.eye(2)]),
+        ([np.eye(1)], [np.eye(1), 9 * np.eye(1)], [[[2.1]], [[2.1]]]),
+    ]:
+        assert common_lyapunov(mass, stiffness, damping).status == "proved"
+
+
 def test_between_both_thresholds_it_is_inconclusive_and_says_why():
     verdict = common_lyapunov(1, [1, 9], 1.9)
     assert verdict.status == "inconclusive"
@@ -116,6 +129,18 @@ def test_units_change_no_verdict(of_mass, of_rate, damping):
     scaled = common_lyapunov(of_mass, of_mass * of_rate**2 * np.array([1, 9]), of_mass * of_rate * damping)
     assert scaled.status == verdict.status
     assert scaled.margin == pytest.approx(of_rate * verdict.margin, rel=1e-3, abs=1e-6 * of_rate)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_units_change_no_search(seed):
+    """The switching sequence of coupled axes is searched in numbers that no unit changes."""
+    rng = np.random.default_rng(seed)
+    d = int(rng.integers(2, 5))
+    a, b, c = (x @ x.T for x in rng.normal(size=(3, d, d)))
+    vertices = np.stack([b + 0.1 * np.eye(d), 3 * b + 0.5 * c])
+    before = common_lyapunov(a + np.eye(d), vertices, 0.05 * c)
+    after = common_lyapunov(1e-9 * (a + np.eye(d)), 1e-1 * vertices, 1e-5 * 0.05 * c)
+    assert after.status == before.status
 
 
 @pytest.mark.parametrize("lie", [-1.0, 0.0, "skewed"])

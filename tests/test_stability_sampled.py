@@ -92,6 +92,26 @@ def test_the_damping_range_is_the_edge(way):
 
 
 @settings(max_examples=60, deadline=None)
+@given(order=st.integers(2, 3), seed=st.integers(0, 10**6), size=st.floats(1e-3, 1e3))
+def test_roots_in_closed_form_are_those_of_numpy(order, seed, size):
+    """Quadratics and cubics, as well conditioned as their roots: also double, triple and zero ones."""
+    rng = np.random.default_rng(seed)
+    roots = size * rng.normal(size=order).astype(complex)
+    case = rng.integers(5)
+    if case == 0:
+        roots[:2] = roots[0] + 1j * roots[1], roots[0] - 1j * roots[1]
+    elif case == 1:
+        roots[1] = roots[0]
+    elif case == 2:
+        roots[:] = roots[0]
+    elif case == 3:
+        roots[rng.random(order) < 0.7] = 0
+    found = spectral_radius(np.poly(roots).real[:, None])[0]
+    largest = np.abs(roots).max()
+    assert found == pytest.approx(largest, rel=3e-5 if case in (1, 2) else 1e-6, abs=1e-300)
+
+
+@settings(max_examples=60, deadline=None)
 @given(
     stiffness=st.floats(0.01, 6),
     damping=st.floats(0, 3),

@@ -11,6 +11,7 @@ from vic_toolbox.cli.fit import Fit
 from vic_toolbox.cli.learning import Demo, Train, Transfer
 from vic_toolbox.cli.looking import Evaluate, Play, Robots, Tasks
 from vic_toolbox.cli.recording import Recording
+from vic_toolbox.cli.stability import Stability
 from vic_toolbox.cli.twin import Twin
 
 
@@ -30,6 +31,7 @@ COMMANDS: dict[str, type[Command]] = {
     "play": Play,
     "recording": Recording,
     "fit": Fit,
+    "stability": Stability,
     "twin": Twin,
     "robots": Robots,
     "tasks": Tasks,

@@ -76,8 +76,10 @@ class Trace:
         return np.where(self.stiffness[:, 0] > 0.0, factor.mean(axis=1), np.nan)
 
 
-def record_trace(task: Task, act: Callable[[np.ndarray], np.ndarray]) -> Trace:
-    """Run one episode from the scenario's exact start, with the policy's mean action, and keep everything.
+def record_trace(
+    task: Task, act: Callable[[np.ndarray], np.ndarray], *, seed: int = 0, start_noise: float = 0.0
+) -> Trace:
+    """Run one episode with the policy's mean action, by default from the scenario's exact start, and keep everything.
 
     Parameters
     ----------
@@ -85,6 +87,10 @@ def record_trace(task: Task, act: Callable[[np.ndarray], np.ndarray]) -> Trace:
         Task with its scenario.
     act : callable
         Policy: observations (1, observation_size) → actions (1, action_size).
+    seed : int
+        Of the variation of the start.
+    start_noise : float
+        Its size, in units of the task's usual one.
 
     Raises
     ------
@@ -94,7 +100,7 @@ def record_trace(task: Task, act: Callable[[np.ndarray], np.ndarray]) -> Trace:
     environment = VectorEnvironment(task, 1)
     simulation = environment.simulation
     columns: dict[str, list[np.ndarray]] = {name: [] for name in _COLUMNS}
-    observation, info = environment.reset(seed=0, options={"start_noise": 0.0})
+    observation, info = environment.reset(seed=seed, options={"start_noise": start_noise})
     for _ in range(task.horizon):
         seen, joints = observation[0], simulation.qpos[0].copy()
         observation, _, _, _, info = environment.step(act(observation))

@@ -5,13 +5,14 @@ Every method answers with a :class:`Verdict`. docs/stability.md says which quest
 
 from __future__ import annotations
 
+from vic_toolbox.stability.analyse import analyse
+from vic_toolbox.stability.analysis.findings import Analysis, Finding
 from vic_toolbox.stability.arms.arm import arm_passivity
 from vic_toolbox.stability.arms.inertia_passivity import inertia_passivity
 from vic_toolbox.stability.arms.orientation_stiffness import orientation_stiffness
 from vic_toolbox.stability.arms.path_inertia import path_inertia
 from vic_toolbox.stability.environments.contact import Contact, contact
 from vic_toolbox.stability.environments.port_passivity import port_passivity
-from vic_toolbox.stability.policies.held_force import largest_force
 from vic_toolbox.stability.policies.policy import policy_stability
 from vic_toolbox.stability.ranges.common_lyapunov import common_lyapunov
 from vic_toolbox.stability.ranges.gain_box import gain_box
@@ -30,13 +31,16 @@ from vic_toolbox.stability.schedules.smallest_damping import smallest_damping
 from vic_toolbox.stability.verdict import Certificate, CounterExample, Verdict
 
 __all__ = [
+    "Analysis",
     "Certificate",
     "Contact",
     "CounterExample",
+    "Finding",
     "KbMap",
     "Verdict",
     "ZWidth",
     "alpha_schedule",
+    "analyse",
     "arm_passivity",
     "common_lyapunov",
     "contact",
@@ -46,7 +50,6 @@ __all__ = [
     "inertia_passivity",
     "kb_map",
     "kronander_billard",
-    "largest_force",
     "moving_mass",
     "orientation_stiffness",
     "path_inertia",

@@ -17,6 +17,10 @@ ROUNDING = 1e-12
 """Negative eigenvalue of a semidefinite matrix that counts as zero, relative to its largest entry."""
 
 
+Source = ArrayLike | Callable[[float], ArrayLike]
+"""Gains, or a function of the time [s] that returns them."""
+
+
 class Impedance(NamedTuple):
     """Mass, stiffness and damping with the same d and, where they change, the same n."""
 
@@ -162,7 +166,12 @@ def sample_times(time: ArrayLike, *, count: int | None = None) -> Array:
     return instants
 
 
-def at(name: str, source: ArrayLike | Callable[[float], ArrayLike], t: float) -> Array:
+def sampled(source: Source, time: Array) -> ArrayLike:
+    """Gains at instants (n,), if they are a function of time; others stay as they are."""
+    return np.stack([np.asarray(source(float(t))) for t in time]) if callable(source) else source
+
+
+def at(name: str, source: Source, t: float) -> Array:
     """One matrix (d, d) of a constant, or of a function of time, at the instant t [s].
 
     Raises

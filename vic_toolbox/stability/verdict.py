@@ -187,6 +187,13 @@ class Verdict:
         write_json(path, self.to_dict())
 
 
+def status_of(witness: Certificate | CounterExample | None) -> Status:
+    """What a witness that was checked shows: a certificate proves, a counter-example disproves."""
+    if witness is None:
+        return "inconclusive"
+    return "proved" if isinstance(witness, Certificate) else "disproved"
+
+
 def _witness(witness: Certificate | CounterExample | None) -> dict[str, Any] | None:
     if witness is None:
         return None

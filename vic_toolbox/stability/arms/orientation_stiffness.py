@@ -3,13 +3,13 @@ r"""How much of a rotational stiffness is left at a large angle: it depends on w
 A torque :math:`k\,\varepsilon(\theta)` about the axis of an error of angle θ has the slope
 :math:`k\,\varepsilon'(\theta)`:
 
-==============  =========================  =========================  =====================================
+=============== =========================  =========================  =====================================
 error           :math:`\varepsilon`        slope                      found in
-==============  =========================  =========================  =====================================
+=============== =========================  =========================  =====================================
 ``"sine"``      :math:`\sin\theta`         :math:`\cos\theta`         cross products of axes, ``(R − Rᵀ)/2``
 ``"half-sine"`` :math:`2\sin(\theta/2)`    :math:`\cos(\theta/2)`     vector part of the quaternion, twice
 ``"log"``       :math:`\theta`             1                          the rotation vector: this toolbox
-==============  =========================  =========================  =====================================
+=============== =========================  =========================  =====================================
 
 The first pushes away beyond 90 degrees; the second holds less and less up to 180.
 

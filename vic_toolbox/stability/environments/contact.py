@@ -14,7 +14,7 @@ from vic_toolbox.stability.environments.axis_crossings import Edge
 from vic_toolbox.stability.environments.contact_edges import is_stable, stable_ranges
 from vic_toolbox.stability.environments.contact_loop import ContactLoop
 from vic_toolbox.stability.environments.contact_proof import any_environment, decay_rate, one_environment
-from vic_toolbox.stability.verdict import Certificate, CounterExample, Verdict
+from vic_toolbox.stability.verdict import Verdict, status_of
 
 if TYPE_CHECKING:
     import control
@@ -88,7 +88,7 @@ class Contact(Verdict):
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # small matrices: threads would only wait for each other
 def contact(
-    mass: Number,
+    mass: Number = 0.0,
     stiffness: Number = 0.0,
     damping: Number = 0.0,
     *,
@@ -116,7 +116,7 @@ def contact(
 
     Parameters
     ----------
-    mass : float
+    mass : float, optional
         M [kg]: virtual, ≥ 0, for admittance (0: damping control); the arm's, > 0, for impedance.
     stiffness, damping : float, optional
         K [N/m] and B [Ns/m] of the controller, ≥ 0.
@@ -189,11 +189,7 @@ def contact(
         values["decay_rate"] = decay_rate(scaled, asked / unit) * rate
     text = "every environment stiffness" if asked is None else f"K_e = {asked:g} N/m"
     return Contact(
-        "proved"
-        if isinstance(witness, Certificate)
-        else "disproved"
-        if isinstance(witness, CounterExample)
-        else "inconclusive",
+        status_of(witness),
         f"{kind} control in contact with {text}: stable?",
         "roots on the axis, exact in the environment stiffness; argument principle with a delay, zero-order-hold "
         "map with a period",

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 CURVE = 2000
 STIFFNESSES = 160
 SHOWN = 3.0
-"""Half width of the Nyquist picture, in units of |−1|."""
+"""Half width of the Nyquist picture, where the point −1 is one away."""
 
 
 def draw(found: Contact) -> Figure:

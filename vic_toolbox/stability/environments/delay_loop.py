@@ -14,7 +14,7 @@ STEP = 0.4
 ROUNDS = 40
 """Most halvings of the frequencies where it changes more."""
 NODES = 40
-"""Of the collocation on [−τ, 0]: roots with |s| τ < 15 to rounding."""
+"""Of the collocation on [−τ, 0]: roots with ``|s| τ < 15`` to rounding."""
 HISTORY = 64
 """Steps per delay of the motion's other route."""
 

@@ -26,7 +26,7 @@ from vic_toolbox.stability.environments.linear_loop import (
     until_largest,
 )
 from vic_toolbox.stability.environments.positive_real import PositiveReal, Rational, positive_real, rational
-from vic_toolbox.stability.verdict import Certificate, CounterExample, Verdict
+from vic_toolbox.stability.verdict import Certificate, CounterExample, Verdict, status_of
 
 PORTS = ("admittance", "impedance")
 PER_TURN = 40
@@ -92,11 +92,7 @@ def port_passivity(system: Any, *, port: str = "admittance") -> Verdict:
         values["least_residue"] = found.residue
     witness, reason = _shown(system, function, found, rate, port)
     return Verdict(
-        "proved"
-        if isinstance(witness, Certificate)
-        else "disproved"
-        if isinstance(witness, CounterExample)
-        else "inconclusive",
+        status_of(witness),
         f"{port} port: passive?",
         "positive realness: poles, residues on the axis, stationary points of Re G(jω) (Colgate and Hogan 1988)",
         margin=found.least if np.isfinite(found.least) else math.nan,

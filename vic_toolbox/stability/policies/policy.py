@@ -22,6 +22,7 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
+from threadpoolctl import threadpool_limits
 
 from vic_toolbox.errors import Array, InputError, integer
 from vic_toolbox.gains import Parametrisation
@@ -48,6 +49,7 @@ SUSPICIOUS = 1.2
 """Growth in the search from which a motion is integrated again."""
 
 
+@threadpool_limits.wrap(limits=1, user_api="blas")  # small matrices: threads would only wait for each other
 def policy_stability(
     policy: Any,
     mass: ArrayLike,

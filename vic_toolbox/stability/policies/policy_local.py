@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from vic_toolbox.errors import Array, InputError
+from vic_toolbox.stability.arguments import ROUNDING
 from vic_toolbox.stability.policies.growing_trajectory import fastest, grown_example
 from vic_toolbox.stability.policies.policy_jacobian import PolicyJacobian, policy_jacobian
 from vic_toolbox.stability.policies.policy_loop import PolicyLoop
@@ -51,8 +52,9 @@ class LocalLoop:
         """
         state = np.concatenate([rest, np.zeros_like(rest)])[None]
         answer = loop(state)
-        low = np.linalg.eigvalsh(answer.stiffness[0])[0], np.linalg.eigvalsh(answer.damping[0])[0]
-        if loop.output == "gains" and (not answer.admissible[0] or low[0] <= 0):
+        stiffness = np.linalg.eigvalsh(answer.stiffness[0])
+        low = stiffness[0], np.linalg.eigvalsh(answer.damping[0])[0]
+        if loop.output == "gains" and (not answer.admissible[0] or low[0] <= ROUNDING * abs(stiffness[-1])):
             where = np.array2string(rest, precision=4)
             raise InputError(
                 f"the policy's gains are not positive at the equilibrium e = {where}: smallest eigenvalues K "
@@ -120,7 +122,7 @@ class LocalLoop:
 
     def certificate(self, loop: PolicyLoop) -> Certificate | None:
         """P of the linearised loop, checked in discrete time and against the error of the gradients."""
-        if self.rate >= 0:
+        if self.rate >= -ROUNDING * self.frequency:
             return None
         lyapunov = lyapunov_matrix(self.system, normal=self.normal)
         back = np.linalg.inv(self.normal)

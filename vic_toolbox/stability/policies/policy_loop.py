@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
-import sys
-from collections.abc import Callable
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -13,6 +10,7 @@ from numpy.typing import ArrayLike
 from vic_toolbox.errors import Array, InputError, finite_array, integer, one_of
 from vic_toolbox.gains import Parametrisation
 from vic_toolbox.stability.arguments import ROUNDING, SYMMETRY, positive_matrices
+from vic_toolbox.stability.policies.policy_call import policy_call
 
 OUTPUTS = ("gains", "wrench")
 DOUBLE, SINGLE = float(np.finfo(np.float64).eps), float(np.finfo(np.float32).eps)
@@ -44,9 +42,10 @@ class PolicyLoop:
     Parameters
     ----------
     policy : callable or object
-        A function of the observations (n, 2 d) = ``[e, ė]``, or of the two arrays e and ė; or an object with such
-        a method: ``mean`` (a policy of :mod:`vic_toolbox.learning`) or ``gains`` (an expert of
-        :mod:`vic_toolbox.control`). It returns one of
+        A function of the observations (n, 2 d) = ``[e, ė]``, of the two arrays e and ė, or of a lone argument that
+        is called ``e``; or an object with such a method: ``mean`` (a policy of :mod:`vic_toolbox.learning`) or
+        ``gains`` (an expert of :mod:`vic_toolbox.control`). Arrays of one axis are (n,). It may be written for one
+        state only, see :func:`~vic_toolbox.stability.policies.policy_call.policy_call`. It returns one of
 
         - a pair (K, B), or :class:`~vic_toolbox.gains.ImpedanceGains`: numbers, (n,), (n, d) diagonals or (n, d, d);
         - K alone, with `damping` given; or (n, 2 d) diagonals of K, then of B;
@@ -108,7 +107,7 @@ class PolicyLoop:
             raise InputError(f"load has shape {self.load.shape}; pass {d} numbers.")
         self.history = integer("history", history, low=1)
         self._inverse = np.linalg.inv(self.mass)
-        self._call = _callable(policy)
+        self._ask = policy_call(policy, d, self.history)
 
     @property
     def size(self) -> int:
@@ -124,6 +123,10 @@ class PolicyLoop:
             It fails, or returns something else than finite gains (a wrench) of the right shape.
         """
         n, d = len(states), self.size
+        if n == d > 1:  # (n,) and (d,), or (n, d) and (d, d), could not be told apart
+            more = self(np.concatenate([states, states[-1:]]))
+            parts = {name: part[:-1] for name, part in more._asdict().items() if name != "precision"}
+            return more._replace(**parts)
         try:
             raw = self._ask(np.tile(states, (1, self.history)))
         except InputError:
@@ -162,13 +165,6 @@ class PolicyLoop:
         root = np.linalg.cholesky(self.mass).T
         return np.asarray(np.kron(np.diag([frequency, 1.0]), root), dtype=np.float64)
 
-    def _ask(self, observations: Array) -> list[Any]:
-        answer = self._call(observations)
-        if hasattr(answer, "stiffness") and hasattr(answer, "damping"):
-            answer = (answer.stiffness, answer.damping)
-        parts = list(answer) if isinstance(answer, tuple) else [answer]
-        return [_to_numpy(part) for part in parts]
-
     def _gains(self, raw: list[Any], states: Array) -> tuple[Array, Array]:
         n, d = len(states), self.size
         if len(raw) == 2:
@@ -203,41 +199,12 @@ def _fixed_damping(damping: ArrayLike, d: int) -> Array:
     return fixed * np.eye(d) if len(fixed) == 1 else fixed
 
 
-def _callable(policy: Any) -> Callable[[Array], Any]:
-    """A function of the observations."""
-    for name in ("mean", "gains"):
-        if not callable(policy) and callable(getattr(policy, name, None)):
-            policy = getattr(policy, name)
-    if not callable(policy):
-        raise InputError(f"policy is {type(policy).__name__}; pass a function of the observations [e, ė].")
-    torch = sys.modules.get("torch")  # a network can only be given where torch is loaded
-    if torch is not None and isinstance(policy, torch.nn.Module):
-        network = policy
-        weight = next(network.parameters(), torch.zeros(0))
-        return lambda x: network(torch.as_tensor(x, dtype=weight.dtype, device=weight.device))
-    try:
-        parameters = inspect.signature(policy).parameters.values()
-    except (TypeError, ValueError):  # a compiled function need not have a signature
-        return policy
-    positional = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
-    needed = [p for p in parameters if p.kind in positional and p.default is p.empty]
-    if len(needed) != 2:
-        return policy
-
-    def of_error_and_rate(observations: Array) -> Any:
-        e, rate = np.split(observations, 2, axis=-1)
-        return policy(e[:, 0], rate[:, 0]) if e.shape[1] == 1 else policy(e, rate)
-
-    return of_error_and_rate
-
-
-def _to_numpy(value: Any) -> Any:
-    return value.detach().cpu().numpy() if hasattr(value, "detach") else value
-
-
 def _precision(value: ArrayLike) -> float:
     """Whether numbers carry double precision, or were computed in single precision."""
-    array = np.asarray(value)
+    try:
+        array = np.asarray(value)
+    except ValueError:  # ragged: said when it is read
+        return DOUBLE
     if array.dtype.kind != "f" or array.dtype.itemsize < 8:
         return SINGLE if array.dtype.kind == "f" else DOUBLE
     with np.errstate(over="ignore", invalid="ignore"):

@@ -10,13 +10,13 @@ from scipy.linalg import expm
 from scipy.sparse.csgraph import connected_components
 from threadpoolctl import threadpool_limits
 
-from vic_toolbox.errors import Array
+from vic_toolbox.errors import Array, finite_array
 from vic_toolbox.stability.arguments import impedance
 from vic_toolbox.stability.environments.linear_loop import integrated
 from vic_toolbox.stability.ranges.destabilising_switching import carried, destabilising_word, repeated
-from vic_toolbox.stability.ranges.quadratic import CommonQuadratic, Trouble, best_common_quadratic
+from vic_toolbox.stability.ranges.quadratic import DIGITS, CommonQuadratic, Trouble, best_common_quadratic
 from vic_toolbox.stability.ranges.switching import worst_case_switching
-from vic_toolbox.stability.verdict import Certificate, CounterExample, Verdict
+from vic_toolbox.stability.verdict import Certificate, CounterExample, Verdict, status_of
 
 SURE = 1e-9
 """Smallest decay rate that counts, relative to the fastest system."""
@@ -51,7 +51,8 @@ def common_lyapunov(mass: ArrayLike, stiffness: ArrayLike, damping: ArrayLike) -
     mass : float, (d, d) or (n, d, d)
         M ≻ 0 [kg, kg m²]. Vertices of the mass are those of ``(M⁻¹K, M⁻¹D)``, and Ṁ and C are left out.
     stiffness, damping : float, (n,), (d, d) or (n, d, d)
-        K ⪰ 0 [N/m, Nm/rad] and D ⪰ 0 [Ns/m, Nms/rad] at the n vertices, *paired*: the i-th K stands with the i-th D.
+        K ⪰ 0 [N/m, Nm/rad] and D ⪰ 0 [Ns/m, Nms/rad] at the n vertices, *paired*: the i-th K stands with the i-th D,
+        and what is given once, alone or as a list of one, with all of them.
         :func:`~vic_toolbox.stability.ranges.gain_box` makes the vertices of a box of diagonal gains.
 
     Returns
@@ -104,11 +105,7 @@ def common_lyapunov(mass: ArrayLike, stiffness: ArrayLike, damping: ArrayLike) -
                 "such a function is enough for stability, not necessary."
             )
     return Verdict(
-        "proved"
-        if isinstance(witness, Certificate)
-        else "disproved"
-        if witness is not None
-        else "inconclusive",
+        status_of(witness),
         f"M ë + D ė + K e = 0 with gains that change anyhow within the hull of {count} vertices: stable?",
         "common quadratic Lyapunov function by LMI, cvxpy and Clarabel (Boyd et al. 1994, sec. 5.1)",
         margin=rate,
@@ -131,11 +128,17 @@ def certified(mass: ArrayLike, stiffness: ArrayLike, damping: ArrayLike) -> bool
 
 
 def _paired(mass: ArrayLike, stiffness: ArrayLike, damping: ArrayLike) -> tuple[Array, Array, Array]:
-    given = impedance(mass, stiffness, damping)
+    given = impedance(*(_vertex(x) for x in (mass, stiffness, damping)))
     d = given.mass.shape[-1]
     count = max(len(a) if a.ndim == 3 else 1 for a in given)
     masses, springs, dampers = (np.broadcast_to(a, (count, d, d)) for a in given)
     return masses, springs, dampers
+
+
+def _vertex(value: ArrayLike) -> ArrayLike:
+    """A list of one vertex as that vertex, which then stands with all of the others."""
+    array = finite_array("a vertex", value)
+    return array[0] if array.ndim in (1, 3) and len(array) == 1 else array
 
 
 def _groups(masses: Array, springs: Array, dampers: Array) -> list[_Group]:
@@ -199,7 +202,8 @@ def _growing(
         if np.ptp(m) == 0 and np.ptp(b) == 0 and k.max() > 0:
             return _exact(axis, float(m[0]), k, float(b[0]), masses.shape[-1], springs, dampers)
     matrix = np.eye(2 * len(group.axes)) if isinstance(answer, Trouble) else answer.matrix
-    word = destabilising_word(group.systems, matrix)
+    # one search in whatever units the gains were given: what it finds is carried on with all digits
+    word = destabilising_word(np.round(group.systems, DIGITS), np.round(matrix, DIGITS))
     if word is None:
         return None
     sequence = repeated(word)

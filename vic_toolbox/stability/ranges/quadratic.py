@@ -12,6 +12,8 @@ from vic_toolbox.errors import require
 
 ROUNDS = 60
 """Most bisections of the decay rate."""
+DIGITS = 9
+"""Decimals of the systems that the solver sees: so it sees the same numbers in whatever units the gains were given."""
 PRECISION = 1e-4
 """Of the decay rate, relative to the fastest system; no precision is asked of its sign."""
 
@@ -43,7 +45,7 @@ def best_common_quadratic(systems: np.ndarray, *, sign_only: bool = False) -> Co
     """
     require("lmi", "cvxpy", "clarabel")
     systems = np.unique(systems, axis=0)
-    ceiling = -max(np.linalg.eigvals(systems).real.max(axis=-1))  # V cannot fall faster than the slowest mode
+    ceiling = -np.linalg.eigvals(systems).real.max()  # V cannot fall faster than the slowest mode
     floor = -np.linalg.eigvalsh(0.5 * (systems + np.swapaxes(systems, 1, 2))).max()  # that of P = 1
     best = CommonQuadratic(np.eye(systems.shape[-1]), float(floor))
     problem = _Problem(systems)
@@ -51,7 +53,7 @@ def best_common_quadratic(systems: np.ndarray, *, sign_only: bool = False) -> Co
     # at the rate 0 first: its sign is what a verdict needs
     tried = 0.0 if floor < 0 < ceiling else 0.5 * (floor + ceiling)
     for _ in range(ROUNDS):
-        found = problem.solve(tried)
+        found = problem.solve(round(float(tried), DIGITS))
         if isinstance(found, Trouble):
             trouble = trouble or found
         elif found is not None and found.rate > best.rate:
@@ -78,7 +80,8 @@ class _Problem:
         self.rate, self.slack = cvxpy.Parameter(), cvxpy.Variable()
         room, moved = self.slack * np.eye(size), self.rate * self.matrix
         constraints = [self.matrix >> room, cvxpy.trace(self.matrix) == size]
-        constraints += [-(a.T @ self.matrix + self.matrix @ a) - 2 * moved >> room for a in systems]
+        seen = np.unique(np.round(systems, DIGITS), axis=0)
+        constraints += [-(a.T @ self.matrix + self.matrix @ a) - 2 * moved >> room for a in seen]
         self.problem = cvxpy.Problem(cvxpy.Maximize(self.slack), constraints)
 
     def solve(self, rate: float) -> CommonQuadratic | Trouble | None:

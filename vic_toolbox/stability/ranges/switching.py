@@ -11,7 +11,7 @@ from scipy.linalg import expm
 from scipy.optimize import root_scalar
 
 from vic_toolbox.errors import Array, InputError, Number, finite_array, finite_number, positive
-from vic_toolbox.stability.verdict import Certificate, CounterExample, Verdict
+from vic_toolbox.stability.verdict import Certificate, CounterExample, Verdict, status_of
 
 EDGE = 1e-9
 """Distance of the growth per half turn from one that rounding hides."""
@@ -77,11 +77,7 @@ def worst_case_switching(mass: Number, stiffness_range: tuple[float, float], dam
     growth, critical = half_turn_growth(m, low, high, b), critical_damping(m, low, high)
     witness, reason = _shown(m, low, high, b, growth, critical)
     return Verdict(
-        "proved"
-        if isinstance(witness, Certificate)
-        else "disproved"
-        if isinstance(witness, CounterExample)
-        else "inconclusive",
+        status_of(witness),
         f"m ë + b ė + k(t) e = 0 with any k(t) in [{low:g}, {high:g}]: bounded?",
         "extremal bang-bang motion in closed form (Liberzon 2003, sec. 2.1; Boscain 2002)",
         margin=b - critical,

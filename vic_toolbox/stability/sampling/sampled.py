@@ -21,7 +21,7 @@ from vic_toolbox.stability.environments.linear_loop import (
 )
 from vic_toolbox.stability.sampling.sampled_characteristic import characteristic, damping_range
 from vic_toolbox.stability.sampling.sampled_loop import SampledLoop, dimensionless
-from vic_toolbox.stability.verdict import Certificate, CounterExample, Verdict
+from vic_toolbox.stability.verdict import Certificate, CounterExample, Verdict, status_of
 
 VELOCITIES = ("exact", "backward")
 METHOD = (
@@ -93,7 +93,7 @@ def sampled_stability(
         values["damping_range"] = np.array([low, high]) * masses[worst, 0, 0] / period
     witness, reason = _shown(loop, steps, radii, masses, period)
     return Verdict(
-        "inconclusive" if witness is None else "proved" if isinstance(witness, Certificate) else "disproved",
+        status_of(witness),
         f"M ẍ + D ẋ = −K x − B v, held over {period:g} s ({velocity} velocity, {delay_steps} steps late): stable?",
         METHOD,
         margin=1 - radius,

@@ -56,12 +56,48 @@ def schur_stable(coefficients: np.ndarray) -> np.ndarray:
 
 
 def spectral_radius(coefficients: np.ndarray) -> np.ndarray:
-    """Largest ``|root|`` of polynomials (n + 1, …): eigenvalues of their companion matrices."""
+    """Largest ``|root|`` of polynomials (n + 1, …): in closed form up to cubics, else of companion matrices."""
     order, batch = len(coefficients) - 1, coefficients.shape[1:]
+    if order in (2, 3):
+        return (_of_quadratic if order == 2 else _of_cubic)(*(coefficients[1:] / coefficients[0]))
     companion = np.zeros((*batch, order, order))
     companion[..., 0, :] = -np.moveaxis(coefficients[1:] / coefficients[0], 0, -1)
     companion[..., np.arange(1, order), np.arange(order - 1)] = 1.0
     return np.abs(np.linalg.eigvals(companion)).max(axis=-1)
+
+
+def _of_quadratic(b: np.ndarray, c: np.ndarray) -> np.ndarray:
+    """Largest ``|root|`` of ``z² + b z + c``."""
+    square = 0.25 * b**2 - c
+    return np.where(square < 0, np.sqrt(np.abs(c)), 0.5 * np.abs(b) + np.sqrt(np.maximum(square, 0.0)))
+
+
+def _of_cubic(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
+    """Largest ``|root|`` of ``z³ + a z² + b z + c``: Cardano and Viète about the mean of the roots, z = t − a/3.
+
+    The real root with the sign of −q is the simplest to find: it is alone, or the one farthest from the mean. Dividing
+    by it leaves ``t² + r t + r² + p``.
+    """
+    shift = a / 3
+    p, q = b - a * shift, c + shift * (2 * shift**2 - b)
+    half, third = 0.5 * np.abs(q), p / 3
+    square = half**2 + third**3
+    with np.errstate(divide="ignore", invalid="ignore"):
+        cube = np.cbrt(half + np.sqrt(np.maximum(square, 0.0)))
+        alone = np.where(cube > 0, cube - third / cube, 0.0)
+        reach = np.sqrt(np.maximum(-third, 0.0))
+        share = np.where(reach**3 > 0, np.minimum(half / reach**3, 1.0), 1.0)
+        farthest = 2 * reach * np.cos(np.arccos(share) / 3)
+        root = np.where(square > 0, alone, farthest)
+        for _ in range(2):  # Newton: Cardano's difference loses digits where p > 0
+            slope = 3 * root**2 + p
+            root = root - np.where(slope > 0, (root * (root**2 + p) - 2 * half) / slope, 0.0)
+    root = np.where(q > 0, -root, root)
+    middle, part = -0.5 * root - shift, 0.75 * root**2 + p
+    spread = np.sqrt(np.abs(part))
+    return np.maximum(
+        np.abs(root - shift), np.where(part > 0, np.hypot(middle, spread), np.abs(middle) + spread)
+    )
 
 
 def damping_range(family: Characteristic, stiffness: float, damping: float) -> tuple[float, float]:

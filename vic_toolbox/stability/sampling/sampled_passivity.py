@@ -11,7 +11,7 @@ from vic_toolbox.errors import Array, InputError, finite_number, positive
 from vic_toolbox.stability.arguments import matrices, positive_matrices
 from vic_toolbox.stability.sampling.drawing_motion import drawing_motion
 from vic_toolbox.stability.sampling.sampled_wall import WHOLE, energy_form, required_damping, split
-from vic_toolbox.stability.verdict import Certificate, CounterExample, Verdict
+from vic_toolbox.stability.verdict import Certificate, CounterExample, Verdict, status_of
 
 EDGE = 1e-9
 """Share of the needed damping within which nothing is said."""
@@ -98,11 +98,7 @@ def sampled_passivity(
         period,
     )
     return Verdict(
-        "proved"
-        if isinstance(witness, Certificate)
-        else "disproved"
-        if isinstance(witness, CounterExample)
-        else "inconclusive",
+        status_of(witness),
         f"wall −K x − B Δx/T held over {period:g} s, {lateness * period:g} s late, with damping D: passive?",
         "Colgate and Schenkel (1997), eq. (20); between samples by the energy form of the positions",
         margin=short[worst],

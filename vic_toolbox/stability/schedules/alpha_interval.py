@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from vic_toolbox.errors import Array
-from vic_toolbox.stability.arguments import impedance_rows, sample_times
+from vic_toolbox.stability.arguments import Source, impedance_rows, sample_times, sampled
 from vic_toolbox.stability.schedules.between_samples import Coefficient, Pieces, failing
 from vic_toolbox.stability.schedules.definite import ROUNDING, least_ratio, pack, relative_slack, size, unpack
 from vic_toolbox.stability.schedules.pencil import SAMPLE, Edge, Pick, Samples, largest, least
@@ -51,9 +51,7 @@ class Problem:
     diagonal: bool
 
     @classmethod
-    def of(
-        cls, mass: ArrayLike, stiffness: ArrayLike, damping: ArrayLike, *, time: ArrayLike
-    ) -> Problem | None:
+    def of(cls, mass: Source, stiffness: Source, damping: Source, *, time: ArrayLike) -> Problem | None:
         """Check and pack what a method was given; None if the mass changes.
 
         Raises
@@ -61,9 +59,10 @@ class Problem:
         InputError
             Gains that are not symmetric, not positive, not finite, or not as many as the instants.
         """
-        given, alone = impedance_rows(mass, stiffness, damping)
+        instants = sample_times(time)
+        given, alone = impedance_rows(*(sampled(x, instants) for x in (mass, stiffness, damping)))
         lengths = [len(x) for x in given if x.ndim == 3]
-        instants = sample_times(time, count=lengths[0] if lengths else None)
+        sample_times(instants, count=lengths[0] if lengths else None)
         if given.mass.ndim == 3 and (given.mass != given.mass[0]).any():
             return None
         m, k, b = alone if alone is not None else (pack(x) for x in given)
@@ -148,6 +147,17 @@ class Problem:
 
         return coefficients
 
+    def settled(self, alpha: float) -> Callable[[slice], bool]:
+        """Whether bounds alone show the three inequalities over some intervals, of axes on their own."""
+
+        def shown(index: slice) -> bool:
+            (k, k_slope), (d, d_slope) = self.stiffness.bounds(index), self.damping.bounds(index)
+            damped = d - alpha * self.mass[:, 0]
+            rising = 2 * alpha * k - k_slope - alpha * d_slope
+            return bool(min(damped.min(), rising.min(), (k + alpha * damped).min()) > 0)
+
+        return shown if self.diagonal else lambda _: False
+
 
 def profile(given: Problem) -> dict[str, Array]:
     """The α that each instant needs (inf: none serves) and allows, for a picture."""
@@ -181,7 +191,7 @@ def needed(given: Problem) -> tuple[Edge, float]:
 def allowed(given: Problem) -> tuple[Edge, float]:
     """Largest α for the damping, at least zero, over samples and around the worst of them; and when [s]."""
     damping, axes = given.damping.values, given.axes
-    ceiling = float((damping[axes] / given.mass[axes]).min()) * (1 + 1e-9)
+    ceiling = min(float(damping[i].min() / given.mass[i, 0]) for i in axes) * (1 + 1e-9)
     count = damping.shape[1]
     edge = largest(given.damped_at, count, start=ceiling, diagonal=given.diagonal)
 
@@ -215,7 +225,9 @@ def certified(given: Problem, alpha: float, top: float) -> tuple[Certificate | N
         if alpha > top:
             break
         middle = 0.5 * (alpha + top)
-        left = failing(given.pieces(middle), intervals, diagonal=given.diagonal)
+        left = failing(
+            given.pieces(middle), intervals, diagonal=given.diagonal, settled=given.settled(middle)
+        )
         if not len(left.index):
             slack = _slack(given, middle)
             if slack < 0:

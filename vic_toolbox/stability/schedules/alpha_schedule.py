@@ -26,6 +26,7 @@ from numpy.typing import ArrayLike
 from threadpoolctl import threadpool_limits
 
 from vic_toolbox.errors import InputError, integer, require
+from vic_toolbox.stability.arguments import Source
 from vic_toolbox.stability.schedules.alpha_interval import SMOOTH, Problem
 from vic_toolbox.stability.schedules.alpha_program import AlphaProgram
 from vic_toolbox.stability.schedules.kronander_billard import judged
@@ -42,9 +43,9 @@ INTERVALS = {True: 1600, False: 200}
 
 @threadpool_limits.wrap(limits=1, user_api="blas")
 def alpha_schedule(
-    mass: ArrayLike,
-    stiffness: ArrayLike,
-    damping: ArrayLike,
+    mass: Source,
+    stiffness: Source,
+    damping: Source,
     *,
     time: ArrayLike,
     intervals: int | None = None,
@@ -55,8 +56,9 @@ def alpha_schedule(
     ----------
     mass : number or array_like (d, d)
         M ≻ 0, constant.
-    stiffness, damping : number, array_like (n,), (d, d) or (n, d, d)
-        K ⪰ 0 and D ⪰ 0 at the instants of `time`; what does not change may be given once.
+    stiffness, damping : number, array_like (n,), (d, d) or (n, d, d), or callable
+        K ⪰ 0 and D ⪰ 0 at the instants of `time`, or functions of the time [s] that are sampled there; what does not
+        change may be given once.
     time : array_like, shape (n,)
         Increasing [s].
     intervals : int, optional

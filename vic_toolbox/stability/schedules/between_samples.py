@@ -51,7 +51,13 @@ class Parts(NamedTuple):
         return time[self.index] + 0.5 * (self.low + self.high) * width
 
 
-def failing(pieces: Pieces, intervals: int, *, diagonal: bool = False) -> Parts:
+def failing(
+    pieces: Pieces,
+    intervals: int,
+    *,
+    diagonal: bool = False,
+    settled: Callable[[slice], bool] = lambda _: False,
+) -> Parts:
     """Where the inequality could not be shown to hold; empty if it holds at every instant.
 
     Parameters
@@ -60,10 +66,14 @@ def failing(pieces: Pieces, intervals: int, *, diagonal: bool = False) -> Parts:
     intervals : int
     diagonal : bool, optional
         The rows are diagonal entries.
+    settled : callable, optional
+        Whether the inequality is already known to hold over some neighbouring intervals.
     """
     bad = [np.array([intervals - 1])]  # whose end is no other interval's start
     for start in range(0, intervals, CHUNK):
         stop = min(start + CHUNK, intervals)
+        if settled(slice(start, stop)):
+            continue
         good = _positive(pieces(slice(start, stop), 0.0, 1.0), stop - start, diagonal)
         bad.append(start + np.flatnonzero(~good))
     index = np.unique(np.concatenate(bad))

@@ -100,7 +100,7 @@ def least_ratio(a: Array, b: Array) -> Array:
 
 
 def relative_slack(*terms: Array) -> float:
-    """Least eigenvalue of sums of matrices (n, d, d), in units of their terms: a diagonal of |terms| is one.
+    """Least eigenvalue of sums of matrices (n, d, d), in units of their terms: a diagonal of ``|terms|`` is one.
 
     By LAPACK, one matrix after the other. Zero where it is negative by rounding only, −inf where a term is not finite.
     """

@@ -19,8 +19,8 @@ from scipy.linalg import solve_discrete_lyapunov
 from threadpoolctl import threadpool_limits
 
 from vic_toolbox.errors import Array, InputError, Number, positive
-from vic_toolbox.stability.arguments import at, positive_matrices
-from vic_toolbox.stability.schedules.free_motion import CHECK, REFERENCE, FreeMotion, IntegrationError, Source
+from vic_toolbox.stability.arguments import Source, at, positive_matrices
+from vic_toolbox.stability.schedules.free_motion import CHECK, REFERENCE, FreeMotion, IntegrationError
 from vic_toolbox.stability.verdict import Certificate, CounterExample, Verdict
 
 METHOD = "Floquet: spectral radius of the transition matrix over one period"

@@ -17,15 +17,13 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy.integrate import solve_ivp
 
 from vic_toolbox.errors import Array, InputError
-from vic_toolbox.stability.arguments import at
+from vic_toolbox.stability.arguments import Source, at
 from vic_toolbox.stability.schedules.definite import unpack
 from vic_toolbox.stability.schedules.schedule import Schedule
 
-Source = ArrayLike | Callable[[float], ArrayLike]
 Matrices = tuple[Array, Array, Array]
 
 _ROOT = np.sqrt(15.0)

@@ -9,9 +9,12 @@ import numpy as np
 from scipy.linalg import eigh, expm, solve_discrete_lyapunov
 
 from vic_toolbox.errors import Array
+from vic_toolbox.stability.schedules.definite import ROUNDING
 from vic_toolbox.stability.schedules.free_motion import FreeMotion, IntegrationError, product
 from vic_toolbox.stability.verdict import Certificate, CounterExample
 
+CLOSED = 1e-9
+"""Relative difference between first and last gains that are the same."""
 SHOWN = 256
 """Least instants of a round that are shown."""
 ROUNDS = 60
@@ -44,7 +47,11 @@ class HeldSequence:
     @property
     def closed(self) -> bool:
         """Whether the last gains are the first."""
-        return all(np.allclose(x[-1], x[0], rtol=1e-9, atol=0) for x in (self.stiffness, self.damping))
+        for x in (self.stiffness, self.damping):
+            size = np.sqrt(np.diagonal(x[0]))
+            if (np.abs(x[-1] - x[0]) > CLOSED * np.abs(x[0]) + ROUNDING * np.outer(size, size)).any():
+                return False
+        return True
 
     @cached_property
     def parts(self) -> int:
@@ -157,7 +164,8 @@ def gaining(held: HeldSequence, phi: Array) -> tuple[float, Array]:
     for weight, k in ((before, held.stiffness[0]), (after, held.stiffness[-1])):
         weight[:size, :size], weight[size:, size:] = k, held.mass
         weight *= scale[:, None] * scale
-    if np.linalg.eigvalsh(before)[0] <= 0:
+    softest, *_, stiffest = np.linalg.eigvalsh(before)
+    if softest <= ROUNDING * stiffest:  # some start has no energy to compare with
         return float("inf"), np.ones(2 * size) * scale
     gains, vectors = eigh(phi.T @ after @ phi, before)
     return float(gains[-1]), vectors[:, -1] * scale

@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from threadpoolctl import threadpool_limits
 
+from vic_toolbox.stability.arguments import Source
 from vic_toolbox.stability.schedules.alpha_interval import (
     SMOOTH,
     Problem,
@@ -40,15 +41,14 @@ MARGIN = "1/s: the largest α that the damping allows, less the smallest that th
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")
-def kronander_billard(
-    mass: ArrayLike, stiffness: ArrayLike, damping: ArrayLike, *, time: ArrayLike
-) -> Verdict:
+def kronander_billard(mass: Source, stiffness: Source, damping: Source, *, time: ArrayLike) -> Verdict:
     """Is a gain schedule stable, by a storage function with one constant α.
 
     Parameters
     ----------
-    mass, stiffness, damping : number, array_like (n,), (d, d) or (n, d, d)
-        M ≻ 0, K ⪰ 0 and D ⪰ 0 at the instants of `time`; what does not change may be given once. A mass that
+    mass, stiffness, damping : number, array_like (n,), (d, d) or (n, d, d), or callable
+        M ≻ 0, K ⪰ 0 and D ⪰ 0 at the instants of `time`, or functions of the time [s] that are sampled there; what
+        does not change may be given once. A mass that
         changes is judged with its Ṁ, see :func:`~vic_toolbox.stability.schedules.moving_mass.moving_mass`.
     time : array_like, shape (n,)
         Increasing [s], fine enough to see the gains change.

@@ -26,7 +26,7 @@ from numpy.typing import ArrayLike
 from threadpoolctl import threadpool_limits
 
 from vic_toolbox.errors import Array, InputError, finite_array
-from vic_toolbox.stability.arguments import impedance, sample_times
+from vic_toolbox.stability.arguments import Source, impedance, sample_times, sampled
 from vic_toolbox.stability.schedules.between_samples import Coefficient, Pieces, failing
 from vic_toolbox.stability.schedules.definite import least_ratio, pack, relative_slack, size, unpack
 from vic_toolbox.stability.schedules.free_motion import Matrices
@@ -47,9 +47,9 @@ ATTEMPTS = 4
 
 @threadpool_limits.wrap(limits=1, user_api="blas")
 def moving_mass(
-    mass: ArrayLike,
-    stiffness: ArrayLike,
-    damping: ArrayLike,
+    mass: Source,
+    stiffness: Source,
+    damping: Source,
     *,
     time: ArrayLike,
     coriolis: ArrayLike | None = None,
@@ -58,8 +58,9 @@ def moving_mass(
 
     Parameters
     ----------
-    mass, stiffness, damping : number, array_like (n,), (d, d) or (n, d, d)
-        M ≻ 0, K ⪰ 0 and D ⪰ 0 at the instants of `time`; what does not change may be given once.
+    mass, stiffness, damping : number, array_like (n,), (d, d) or (n, d, d), or callable
+        M ≻ 0, K ⪰ 0 and D ⪰ 0 at the instants of `time`, or functions of the time [s] that are sampled there; what
+        does not change may be given once.
     time : array_like, shape (n,)
         Increasing [s].
     coriolis : array_like, shape (n,), (d, d) or (n, d, d), optional
@@ -79,13 +80,14 @@ def moving_mass(
         Gains that are not symmetric, not positive, not finite, not as many as the instants, or a `coriolis` that
         does not belong to the mass.
     """
-    given = impedance(mass, stiffness, damping)
+    instants = sample_times(time)
+    given = impedance(*(sampled(x, instants) for x in (mass, stiffness, damping)))
     if coriolis is None and (given.mass.ndim == 2 or (given.mass == given.mass[0]).all()):
         from vic_toolbox.stability.schedules.kronander_billard import kronander_billard
 
         return kronander_billard(given.mass, given.stiffness, given.damping, time=time)
     lengths = [len(x) for x in given if x.ndim == 3]
-    instants = sample_times(time, count=lengths[0] if lengths else None)
+    sample_times(instants, count=lengths[0] if lengths else None)
     parts = [Schedule.of(instants, pack(x)) for x in given]
     c = None if coriolis is None else _coriolis(coriolis, parts[0])
     return _judged(_Problem(parts[0], parts[1], parts[2], c))
@@ -172,16 +174,14 @@ def _judged(given: _Problem) -> Verdict:
     unit = "1/s: least eigenvalue of " + ("M⁻¹ D" if kept else "M⁻¹ (D − ½ Ṁ)")
     if margin >= 0:
         low = least(lambda s: given.sampled(s).falling(), given.samples)
-        high = _largest(given, lambda rows: rows.falling(), margin) if np.isfinite(low.value) else low
-        if np.isfinite(low.value):
-            high = _largest(given, lambda rows: rows.storage(), high.value)
-        alpha, top = low.value, high.value
-        values |= {"alpha": alpha, "alpha_max": top if np.isfinite(low.value) else np.nan}
-        margin, unit = (
-            (top - alpha, "1/s: width of the range of α that serve") if alpha <= top else (np.nan, "")
-        )
-        reason = "no constant α serves at all times"
+        alpha, top = low.value, np.nan
+        if np.isfinite(alpha):
+            top = _largest(given, lambda rows: rows.falling(), margin).value
+            top = _largest(given, lambda rows: rows.storage(), top).value
+        values |= {"alpha": alpha, "alpha_max": top}
+        margin, unit, reason = np.nan, "", "no constant α serves at all times"
         if alpha <= top:
+            margin, unit = top - alpha, "1/s: width of the range of α that serve"
             certificate, reason = _certified(given, alpha, top)
     notes = (SMOOTH, "the law keeps C ė" if kept else "the law cancels all of C ẋ")
     if certificate is not None:

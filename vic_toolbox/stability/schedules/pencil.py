@@ -66,13 +66,14 @@ def least(pick: Pick, count: int, *, start: float = 0.0, diagonal: bool = False)
         for begin in range(0, count, CHUNK):
             edge = _divided(edge, begin, *pick(slice(begin, min(begin + CHUNK, count))))
         return edge
-    seen = _spread(np.arange(count))
+    seen, violating = _spread(np.arange(count)), False
     while len(seen):
         before, edge = edge, _raised(edge, seen, pick)
-        stuck = edge.index >= 0 and edge.value - before.value <= CONVERGED * abs(edge.value)
+        # elimination may see a violation that eigenvalues take for rounding
+        stuck = violating and edge.value - before.value <= CONVERGED * abs(edge.value)
         if stuck or not np.isfinite(edge.value) or len(seen) == count:
             break
-        seen = _spread(_violators(pick, count, edge.value))
+        seen, violating = _spread(_violators(pick, count, edge.value)), True
     return edge
 
 

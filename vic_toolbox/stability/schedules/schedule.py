@@ -73,7 +73,7 @@ class Schedule:
     def scale(self) -> Array:
         """Size of each row, (p,): of an entry off the diagonal, the mean of the two on it (geometric)."""
         if self.diagonal:
-            return np.abs(self.values).max(axis=1)
+            return _extent(self.values)
         rows, columns = lower((int(np.sqrt(8 * len(self.values) + 1)) - 1) // 2)
         size = np.sqrt(np.abs(self.values[rows == columns]).max(axis=1))
         return size[rows] * size[columns]
@@ -135,6 +135,26 @@ class Schedule:
             width = width * (high - low)
         a, b, c = ((y - x) * (3 / width) for x, y in pairwise(points))
         return Cubics(points, (a, (a + 2 * b) / 3, (2 * b + c) / 3, c))
+
+    def bounds(self, index: slice) -> tuple[Array, Array]:
+        """Least Bernstein value of each row, and its steepest Bernstein slope, over neighbouring intervals; (p,) each.
+
+        The inner values are ``x ± h ẋ/3`` of a sample, and the inner slopes means of ẋ at one end and of
+        ``b = 3 Δx/h − ẋ₀ − ẋ₁``.
+        """
+        if self.constant:
+            return self.values[:, 0], np.zeros(len(self.values))
+        ends = slice(index.start, index.stop + 1)
+        values, width = self.values[:, ends], np.diff(self.time[ends])
+        steepest, step = _extent(self.slopes[:, ends]), _extent(np.diff(values, axis=1))
+        middle = 3 * step / width.min() + 2 * steepest
+        lowest = values.min(axis=1) - steepest * (width.max() / 3)
+        return lowest, np.maximum(steepest, (steepest + 2 * middle) / 3)
+
+
+def _extent(rows: Array) -> Array:
+    """Largest ``|entry|`` of each row; of ``|rows|`` itself it would take a second array."""
+    return np.maximum(rows.max(axis=1), -rows.min(axis=1))
 
 
 def _blossom(points: tuple[Array, ...], *shares: Share) -> Array:
