@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
@@ -12,10 +11,10 @@ from numpy.typing import ArrayLike
 from vic_toolbox.errors import Array, InputError, finite_array, finite_number, integer, one_of, positive
 from vic_toolbox.gains import Parametrisation
 from vic_toolbox.stability.analysis import computer, courses, sets
-from vic_toolbox.stability.analysis.determined import determined, refuse_negative
 from vic_toolbox.stability.analysis.findings import Analysis, Finding
 from vic_toolbox.stability.analysis.inertia import read_inertia
-from vic_toolbox.stability.analysis.setting import Setting, listed, uncoupled
+from vic_toolbox.stability.analysis.kept import gains_that_occur, kept
+from vic_toolbox.stability.analysis.setting import Setting, uncoupled
 from vic_toolbox.stability.analysis.subject import (
     Constant,
     Course,
@@ -137,11 +136,11 @@ def analyse(
     notes = [inertia.note] if inertia.note else []
     if isinstance(read, Policy):
         return _of_policy(read, setting, notes, parametrisation, policy)
-    read, setting, left_out = _kept(read, setting, axes)
+    read, setting, left_out = kept(read, setting, axes)
     notes += left_out
     findings = _findings(read, setting, notes)
     course = read if isinstance(read, Course) else None
-    stiffness, damping = _stack(read)
+    stiffness, damping = gains_that_occur(read)
     return Analysis(
         subject=_named(read),
         findings=tuple(findings),
@@ -163,7 +162,7 @@ def _findings(read: Course | GainRange | Constant, setting: Setting, notes: list
         notes.append(
             f"what is said about the computer and about contact holds at {len(read.members[0])} corners"
         )
-    gains = _stack(read)
+    gains = gains_that_occur(read)
     if setting.inertia.mass is not None:
         if isinstance(read, Course):
             found += _over_time(read, setting)
@@ -261,81 +260,9 @@ def _policy_remedy(verdict: Any) -> str:
     return "look at its equilibrium: more damping, or a smoother policy there"
 
 
-# --- what is kept of a subject -------------------------------------------------------------------------------
-
-
-def _kept(
-    read: Course | GainRange | Constant, setting: Setting, axes: Sequence[str] | None
-) -> tuple[Course | GainRange | Constant, Setting, list[str]]:
-    """The axes that are asked for, have a mass and are determined, and the stretch of time in which they are."""
-    names, inertia, notes = setting.names, setting.inertia, []
-    wanted = list(range(len(names)))
-    if axes is not None:
-        for name in axes:
-            one_of("axis", name, names)
-        wanted = [i for i, name in enumerate(names) if name in axes]
-        if rest := [name for name in names if name not in axes]:
-            notes.append(f"{listed(rest)} left out as asked, as if they stood still")
-    wanted = [i for i in wanted if i not in inertia.dropped]
-    if not wanted:
-        raise InputError(
-            "no axis is left to judge: the mass says nothing about those asked for; pass six masses."
-        )
-    window = slice(None)
-    if isinstance(read, Constant):
-        course = Course(np.zeros(1), read.stiffness[None], read.damping[None])
-        wanted, _, more = determined(course, wanted, names)
-        notes += more
-    if isinstance(read, Course):
-        wanted, window, more = determined(read, wanted, names)
-        notes += more
-    index = np.array(wanted)
-    mass = inertia.mass
-    if mass is not None:
-        mass = (mass[window] if mass.ndim == 3 else mass)[..., index[:, None], index]
-    ways = {
-        name: a[window] if a is not None and a.ndim == 2 else a
-        for name, a in (("q", inertia.q), ("v", inertia.v))
-    }
-    setting = replace(
-        setting,
-        names=tuple(names[i] for i in wanted),
-        inertia=inertia._replace(mass=mass, **ways),
-        physical_damping=setting.physical_damping[index[:, None], index],
-    )
-    read = _reduced(read, index, window)
-    refuse_negative(*_stack(read), setting.names, None if not isinstance(read, Course) else read.time)
-    return read, setting, notes
-
-
-def _reduced(
-    read: Course | GainRange | Constant, axes: np.ndarray, window: slice
-) -> Course | GainRange | Constant:
-    def part(a: Array) -> Array:
-        return a[..., axes[:, None], axes]
-
-    if isinstance(read, Constant):
-        return Constant(part(read.stiffness), part(read.damping))
-    if isinstance(read, GainRange):
-        cover = None if read.cover is None else (part(read.cover[0]), part(read.cover[1]))
-        members = part(read.members[0]), part(read.members[1])
-        return read._replace(members=members, cover=members if read.cover is read.members else cover)
-    motion = [None if a is None else a[window][:, axes] for a in (read.error, read.error_rate)]
-    return Course(read.time[window], part(read.stiffness[window]), part(read.damping[window]), *motion)
-
-
-def _stack(read: Course | GainRange | Constant) -> tuple[Array, Array]:
-    """All gains that occur (n, d, d)."""
-    if isinstance(read, GainRange):
-        return read.members
-    if isinstance(read, Constant):
-        return read.stiffness[None], read.damping[None]
-    return read.stiffness, read.damping
-
-
 def _size(read: Course | GainRange | Constant | Policy, model: Any) -> int:
     if not isinstance(read, Policy):
-        return _stack(read)[0].shape[-1]
+        return gains_that_occur(read)[0].shape[-1]
     if model is None:
         raise InputError("a policy needs the mass that it moves; pass it as the second argument.")
     return 6 if hasattr(model, "operational_space") else max(1, np.atleast_1d(model).shape[-1])
