@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tests.gain_data import clock, diagonal, diagonals, recorded, rich_motion
+from tests.gain_data import biased, clock, diagonal, diagonals, recorded, rich_motion, struck
 from vic_toolbox import recordings
 from vic_toolbox.estimation import fit_smooth, fit_windows
 from vic_toolbox.estimation.splines import Basis
@@ -75,12 +75,7 @@ def amplitudes() -> dict[str, float]:
 
 def bias() -> dict[str, float]:
     """A5: K of 600 N/m under 3 N of bias, without an intercept and with one."""
-    t = clock(2.0)
-    wave = 0.5 * (1 - np.cos(2 * np.pi * t))[:, None] * np.ones(6)
-    size = wave.mean(axis=0) / np.mean(wave**2, axis=0) / 30  # mean(e) / mean(e²) = 30 / m
-    e, v = size * wave, size * np.pi * np.sin(2 * np.pi * t)[:, None]
-    noise = 0.2 * np.random.default_rng(SEED).normal(size=e.shape)
-    data = recorded(t, e, v, 600 * e + 20 * v + 3 + noise)
+    data = biased()
     without, with_bias = (diagonals(fit_smooth(data, None, bias=fit).stiffness) for fit in (False, True))
     return {"a5_blind": round(float(without.mean()), 1), "a5_with_bias": round(float(with_bias.mean()), 1)}
 
@@ -138,15 +133,7 @@ def inertia() -> dict[str, float]:
 
 def outliers() -> dict[str, float]:
     """A10: K of 600 N/m with 2 % outliers of 20 ± 30 N, by least squares and by Huber's estimate."""
-    t = clock(10.0)
-    rng = np.random.default_rng(SEED)
-    e, v = rich_motion(t, rng)
-    scale = np.repeat([1.0, 0.015 / 0.08], 3)
-    e, v = scale * e + 0.01, scale * v  # pushed to one side, or outliers of one sign would cancel
-    wrench = 600 * e + 20 * v + 0.2 * rng.normal(size=e.shape)
-    struck = rng.random(e.shape) < 0.02
-    wrench[struck] += 20 + 30 * rng.normal(size=struck.sum())
-    data = recorded(t, e, v, wrench)
+    data = struck()
     squares, huber = (diagonals(fit_smooth(data, None, robust=robust).stiffness) for robust in (False, True))
     return {"a10_squares": round(float(squares.mean()), 1), "a10_huber": round(float(huber.mean()), 1)}
 

@@ -99,6 +99,29 @@ def recorded(
     return Recording.from_errors(t, e, v, wrench + noise * NOISE * rng.normal(size=wrench.shape))
 
 
+def biased() -> Recording:
+    """Case A5: 600 N/m pushed to one side, and 3 N of sensor bias."""
+    t = clock(2.0)
+    wave = 0.5 * (1 - np.cos(2 * np.pi * t))[:, None] * np.ones(6)
+    size = wave.mean(axis=0) / np.mean(wave**2, axis=0) / 30  # mean(e) / mean(e²) = 30 / m
+    e, v = size * wave, size * np.pi * np.sin(2 * np.pi * t)[:, None]
+    noise = 0.2 * np.random.default_rng(0).normal(size=e.shape)
+    return recorded(t, e, v, 600 * e + 20 * v + 3 + noise)
+
+
+def struck() -> Recording:
+    """Case A10: 600 N/m and 2 % outliers of 20 ± 30 N."""
+    t = clock(10.0)
+    rng = np.random.default_rng(0)
+    e, v = rich_motion(t, rng)
+    scale = np.repeat([1.0, 0.015 / 0.08], 3)
+    e, v = scale * e + 0.01, scale * v  # pushed to one side, or outliers of one sign would cancel
+    wrench = 600 * e + 20 * v + 0.2 * rng.normal(size=e.shape)
+    hit = rng.random(e.shape) < 0.02
+    wrench[hit] += 20 + 30 * rng.normal(size=hit.sum())
+    return recorded(t, e, v, wrench)
+
+
 def diagonals(matrices: Array) -> Array:
     return np.diagonal(matrices, axis1=-2, axis2=-1)
 

@@ -12,6 +12,7 @@ from tests.gain_data import (
     MASS,
     NOISE,
     STIFFNESS,
+    biased,
     clock,
     diagonal,
     diagonals,
@@ -20,6 +21,7 @@ from tests.gain_data import (
     recorded,
     relative_rms,
     rich_motion,
+    struck,
 )
 from vic_toolbox.errors import Array, InputError
 from vic_toolbox.estimation import GainEstimate, fit_smooth
@@ -131,12 +133,7 @@ def test_exact_in_the_spline_space():
 
 def test_bias_needs_an_intercept():
     """Case A5: 3 N of bias make 690 N/m of 600 N/m, and 600 with an intercept."""
-    t = clock(2.0)
-    wave = 0.5 * (1 - np.cos(2 * np.pi * t))[:, None] * np.ones(6)
-    size = wave.mean(axis=0) / np.mean(wave**2, axis=0) / 30  # mean(e) / mean(e²) = 30 / m
-    e, v = size * wave, size * np.pi * np.sin(2 * np.pi * t)[:, None]
-    noise = 0.2 * np.random.default_rng(0).normal(size=e.shape)
-    data = recorded(t, e, v, 600 * e + 20 * v + 3 + noise)
+    data = biased()
     without, with_bias = fit_smooth(data, None), fit_smooth(data, None, bias=True)
     assert diagonals(without.stiffness)[0] == pytest.approx(690, abs=1)
     assert diagonals(with_bias.stiffness)[0] == pytest.approx(600, abs=1)
@@ -163,15 +160,7 @@ def test_latency(knots: float | None):
 
 def test_huber_shrugs_at_outliers():
     """Case A10: 2 % outliers of 20 ± 30 N pull least squares by 2 %, Huber's estimate by less than 0.1 %."""
-    t = clock(10.0)
-    rng = np.random.default_rng(0)
-    e, v = rich_motion(t, rng)
-    scale = np.repeat([1.0, 0.015 / 0.08], 3)
-    e, v = scale * e + 0.01, scale * v  # pushed to one side, or outliers of one sign would cancel
-    wrench = 600 * e + 20 * v + 0.2 * rng.normal(size=e.shape)
-    struck = rng.random(e.shape) < 0.02
-    wrench[struck] += 20 + 30 * rng.normal(size=struck.sum())
-    data = recorded(t, e, v, wrench)
+    data = struck()
     squares, huber = (
         diagonals(fit_smooth(data, None, robust=robust).stiffness)[0] for robust in (False, True)
     )
