@@ -155,7 +155,7 @@ class EnergyTank:
             share = np.where(cost > budget, budget / cost, 1.0)
         spread = share[..., None] if is_diagonal(change, e) else share[..., None, None]
         allowed = np.where(spread == 1.0, wanted, state.stiffness + spread * change)
-        energy = np.minimum(energy - share * cost, self.capacity)
+        energy = np.minimum(energy - np.minimum(cost, budget), self.capacity)
         return TankState(energy, allowed, b, e, share)
 
 
