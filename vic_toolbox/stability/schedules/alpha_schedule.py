@@ -119,15 +119,5 @@ def alpha_schedule(
         margin, reason = constant.witness.slack, "a constant α serves"
         return Verdict("proved", question, METHOD, margin, unit, values, constant.witness, notes, reason)
     found = growth(problem.parts, lambda x: problem.of_parts(x).at)
-    disproved = found.repeated and found.example is not None
-    return Verdict(
-        "disproved" if disproved else "inconclusive",
-        question,
-        METHOD,
-        slack,
-        unit,
-        values | found.values,
-        found.example,
-        (*notes, *found.assumptions),
-        "" if disproved else f"{trouble}; this alone proves nothing; {found.reason}",
-    )
+    reason = f"{trouble}; this alone proves nothing"
+    return found.verdict(question, METHOD, margin=slack, unit=unit, values=values, notes=notes, reason=reason)

@@ -119,14 +119,6 @@ def judged(given: Problem, *, search: bool = True) -> Verdict:
         reason or f"needs α = {alpha:.6g}/s, and the damping allows {top:.6g}/s; this alone proves nothing"
     )
     found = growth(given.parts, lambda parts: given.of_parts(parts).at) if search else Growth()
-    return Verdict(
-        "disproved" if found.repeated and found.example else "inconclusive",
-        question,
-        METHOD,
-        margin if np.isfinite(margin) else float("nan"),
-        MARGIN,
-        values | found.values,
-        found.example,
-        (*notes, *found.assumptions),
-        "" if found.repeated and found.example else f"{reason}; {found.reason}",
+    return found.verdict(
+        question, METHOD, margin=margin, unit=MARGIN, values=values, notes=notes, reason=reason
     )

@@ -188,17 +188,9 @@ def _judged(given: _Problem) -> Verdict:
         values["profile_chosen"] = certificate.values["alpha"]
         return Verdict("proved", question, method, margin, unit, values, certificate, notes)
     found = growth(given.parts, lambda parts: given.of_parts(parts).at)
-    shown = found.repeated and found.example is not None
-    return Verdict(
-        "disproved" if shown else "inconclusive",
-        question,
-        method,
-        margin,
-        unit,
-        values | found.values,
-        found.example,
-        (*notes, *found.assumptions),
-        "" if shown else f"{reason}; this alone proves nothing; {found.reason}",
+    reason = f"{reason}; this alone proves nothing"
+    return found.verdict(
+        question, method, margin=margin, unit=unit, values=values, notes=notes, reason=reason
     )
 
 

@@ -7,7 +7,7 @@ one the motion that gains most energy from start to end is worth seeing, and no 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -18,7 +18,7 @@ from vic_toolbox.errors import Array
 from vic_toolbox.stability.schedules.floquet import growing, multipliers
 from vic_toolbox.stability.schedules.free_motion import CHECK, FreeMotion, IntegrationError, Matrices
 from vic_toolbox.stability.schedules.schedule import Schedule
-from vic_toolbox.stability.verdict import CounterExample
+from vic_toolbox.stability.verdict import CounterExample, Verdict
 
 CLOSED = 1e-3
 """Largest difference of the gains at the end and at the start, relative to their range, of a closed schedule."""
@@ -54,6 +54,31 @@ class Growth:
     values: dict[str, Any] = field(default_factory=dict)
     assumptions: tuple[str, ...] = ()
     reason: str = ""
+
+    def verdict(
+        self,
+        question: str,
+        method: str,
+        *,
+        margin: float,
+        unit: str,
+        values: Mapping[str, Any],
+        notes: tuple[str, ...],
+        reason: str,
+    ) -> Verdict:
+        """What is left to say where no certificate holds: disproved by the example, or inconclusive for `reason`."""
+        disproved = self.repeated and self.example is not None
+        return Verdict(
+            "disproved" if disproved else "inconclusive",
+            question,
+            method,
+            margin if np.isfinite(margin) else float("nan"),
+            unit,
+            {**values, **self.values},
+            self.example,
+            (*notes, *self.assumptions),
+            "" if disproved else f"{reason}; {self.reason}",
+        )
 
 
 def growth(
