@@ -26,8 +26,10 @@ from tests.gain_data import (
 from vic_toolbox.errors import Array, InputError
 from vic_toolbox.estimation import GainEstimate, fit_smooth
 from vic_toolbox.estimation.cones import clarabel_installed
-from vic_toolbox.estimation.penalised import Problem, log_determinant, pointwise, squared_differences
+from vic_toolbox.estimation.differences import log_determinant, squared_differences
+from vic_toolbox.estimation.penalised import Problem
 from vic_toolbox.estimation.samples import pooled
+from vic_toolbox.estimation.selected_inverse import pointwise
 from vic_toolbox.estimation.smooth_fit import SmoothModel
 from vic_toolbox.estimation.splines import Basis, normal_equations
 from vic_toolbox.gains import ImpedanceGains

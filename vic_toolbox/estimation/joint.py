@@ -16,13 +16,14 @@ import dataclasses
 import numpy as np
 
 from vic_toolbox.errors import Array
-from vic_toolbox.estimation import observability
+from vic_toolbox.estimation import huber, observability
 from vic_toolbox.estimation.estimate import GainEstimate, gated
 from vic_toolbox.estimation.joint_model import JointModel, Unknowns
 from vic_toolbox.estimation.local_gains import local_gains
-from vic_toolbox.estimation.penalised import Problem, Solution, pointwise
+from vic_toolbox.estimation.penalised import Problem, Solution
 from vic_toolbox.estimation.samples import Samples, weights
-from vic_toolbox.estimation.smooth_fit import HUBER, SmoothModel, robust_scale, robust_weights
+from vic_toolbox.estimation.selected_inverse import pointwise
+from vic_toolbox.estimation.smooth_fit import SmoothModel
 from vic_toolbox.estimation.splines import Basis
 
 ROUNDS = 12
@@ -53,11 +54,11 @@ def fit_joint(
         x = model.solve(x, logs, weights(parts, found, least=LEAST_NOISE), weight)
         left = model.residuals(x)
         if robust:
-            weight = robust_weights(left)
+            weight = huber.weights(left)
         single, _ = model.linearised(x, weights(parts, found, least=LEAST_NOISE), weight)
         logs = np.stack([p.smoothest(log) for p, log in zip(single, logs, strict=True)])
         if noise is None:
-            found = robust_scale(left) if robust else _noise(single, logs, left)
+            found = huber.scale(left) if robust else _noise(single, logs, left)
         if np.abs(logs - previous).max() < SETTLED and abs(x.delay - before) < 1e-6:
             break
     return _estimate(model, x, logs, found, weight, times)
@@ -77,7 +78,7 @@ def _start(
     """Where to begin: the linear fit without latency, its smoothness and noise; a constant wrench for an attractor."""
     linear = SmoothModel(model.basis, model.parts, bias=model.bias or model.attractor)
     fit = linear.constrained(linear.fit(noise=noise), solver="closed_form")
-    weight = robust_weights(linear.residuals(fit)) if robust else None
+    weight = huber.weights(linear.residuals(fit)) if robust else None
     c = np.stack([s.coefficients for s in fit.solutions], axis=1) * linear.units  # (m, 6, 2)
     logs = np.stack(fit.logarithms) - 2 * np.log(linear.units)  # of coefficients in SI units
     factor = np.ones(2)
@@ -118,9 +119,7 @@ def _estimate(
     )
     widening = 1.0
     if weight is not None:
-        standard = left / np.where(noise > 0, noise, 1.0)
-        psi = np.clip(standard, -HUBER, HUBER)
-        widening = float(np.sqrt(np.mean(psi**2) * np.mean(weight)) / np.mean(np.abs(standard) <= HUBER))
+        widening = float(huber.widening(left, weight, noise, axis=None))
     factor = np.sqrt(inflation) * noise / scale * widening
     stiffness, damping = model.gains(x, times)
     deviations = _deviations(model, x, problem, solution, strengths, times)

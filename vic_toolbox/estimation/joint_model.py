@@ -11,7 +11,8 @@ from scipy import sparse
 
 from vic_toolbox.errors import Array
 from vic_toolbox.estimation.cones import FitError
-from vic_toolbox.estimation.penalised import ORDER, Problem
+from vic_toolbox.estimation.differences import ORDER
+from vic_toolbox.estimation.penalised import Problem
 from vic_toolbox.estimation.samples import LATENCY, Samples, root_mean_square
 from vic_toolbox.estimation.splines import Basis, normal_equations
 

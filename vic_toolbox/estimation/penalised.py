@@ -11,13 +11,12 @@ where Δ^o takes differences of order o, two or three, along time (Eilers and Ma
 
 with σ̂² = (least value of the above) / (N − M), M the unpenalised dimensions and q the number of splines. Every
 evaluation is one banded Cholesky factorisation. The posterior of c has covariance σ̂² H_λ⁻¹, of which only the band is
-needed; it comes from a block recursion (Takahashi et al. 1973).
+needed (:mod:`.selected_inverse`).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import lgamma, log
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,10 +25,10 @@ from scipy.linalg import cho_solve_banded, cholesky_banded
 from scipy.optimize import minimize
 
 from vic_toolbox.errors import Array
+from vic_toolbox.estimation.differences import ORDER, log_determinant, squared_differences
+from vic_toolbox.estimation.selected_inverse import selected_inverse
 from vic_toolbox.estimation.splines import NormalEquations
 
-ORDER = 2
-"""Order of the differences that the penalty squares, if nothing else is said: a straight line costs nothing."""
 LOG_RANGE = (-46.0, 30.0)
 """Range of log λ relative to the data's information; its lower end stands for no penalty."""
 LARGEST_LOG = 300.0
@@ -37,35 +36,6 @@ LARGEST_LOG = 300.0
 RIDGE = 1e-13
 STIFFEST = 18.0
 """Largest log λ of third differences, relative to the data's information: beyond it rounding hides the data."""
-
-
-def squared_differences(m: int, order: int = ORDER) -> Array:
-    """Bands (order + 1, m) of ΔᵀΔ: entry [d, j] couples coefficients j and j + d; zero for too few of them."""
-    bands = np.zeros((order + 1, m))
-    row = np.diff(np.eye(order + 1), order, axis=0)[0]
-    for a in range(order + 1):
-        for b in range(a, order + 1):
-            if m > order:
-                bands[b - a, a : a + m - order] += row[a] * row[b]
-    return bands
-
-
-def log_determinant(m: int, order: int) -> float:
-    """Logarithm of det ΔΔᵀ, with which likelihoods of different orders compare.
-
-    It is the determinant of the Gram matrix of the polynomials that Δ leaves, in the basis of binomials: the product
-    of the squared norms of the discrete Chebyshev polynomials of degree below the order.
-    """
-    if m <= order:
-        return 0.0
-    return sum(
-        2 * lgamma(i + 1)
-        - lgamma(2 * i + 1)
-        - lgamma(2 * i + 2)
-        + log(m)
-        + sum(log(m**2 - k**2) for k in range(1, i + 1))
-        for i in range(order)
-    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -307,63 +277,3 @@ class Solution:
     border: Array
     logdet: float
     least: float
-
-
-def selected_inverse(gram: Array, width: int) -> Array:
-    """Entries of the inverse that couple a spline with itself within the band, shape (width, m, q).
-
-    Three neighbouring knots make a block, so the matrix is block tridiagonal. With its factors from the first
-    block on, the inverse's blocks follow from the last one back:
-    ``Σ_kk = D_k⁻¹ + G_k Σ_(k+1,k+1) G_kᵀ``, ``Σ_(k,k+1) = −G_k Σ_(k+1,k+1)``, ``G_k = D_k⁻¹ A_(k,k+1)``.
-    """
-    offsets, m, q, _ = gram.shape
-    step = max(offsets - 1, 1)
-    blocks = -(-m // step)
-    s = step * q
-    diagonal, coupling = np.zeros((blocks, s, s)), np.zeros((max(blocks - 1, 0), s, s))
-    for j in range(blocks * step):
-        k, a = divmod(j, step)
-        if j >= m:  # the last block is filled up with knots that nothing couples
-            diagonal[k, a * q : (a + 1) * q, a * q : (a + 1) * q] = np.eye(q)
-            continue
-        for d in range(min(offsets, m - j)):
-            other, b = divmod(j + d, step)
-            rows, columns = slice(a * q, (a + 1) * q), slice(b * q, (b + 1) * q)
-            if other == k:
-                diagonal[k, rows, columns] = gram[d, j]
-                diagonal[k, columns, rows] = gram[d, j].T
-            else:
-                coupling[k, rows, columns] = gram[d, j]
-    inverses, gains = np.empty_like(diagonal), np.empty_like(coupling)
-    inverses[0] = np.linalg.inv(diagonal[0])
-    for k in range(blocks - 1):
-        gains[k] = inverses[k] @ coupling[k]
-        inverses[k + 1] = np.linalg.inv(diagonal[k + 1] - coupling[k].T @ gains[k])
-    result = np.zeros((width, m, q))
-    index = np.arange(s)
-    later = np.zeros((s, s))
-    for k in range(blocks - 1, -1, -1):
-        current, beside = inverses[k], np.zeros((s, s))
-        if k < blocks - 1:
-            beside = -gains[k] @ later
-            current = current - beside @ gains[k].T
-        both = np.concatenate([current, beside], axis=1)
-        for d in range(width):
-            values = both[index, index + d * q] if d * q + s <= 2 * s else both[index, index]
-            for a in range(step):
-                j = k * step + a
-                if j + d < m:
-                    result[d, j] = values[a * q : (a + 1) * q]
-        later = current
-    return result
-
-
-def pointwise(band: Array, first: NDArray[np.intp], values: Array) -> Array:
-    """Variances (n, q) of the splines at points with active functions `first` and `values`, from the band."""
-    width = values.shape[1]
-    total = np.zeros((len(first), band.shape[2]))
-    for a in range(width):
-        for b in range(a, width):
-            share = (1 if a == b else 2) * values[:, a] * values[:, b]
-            total += share[:, None] * band[b - a, first + a]
-    return np.maximum(total, 0.0)

@@ -12,11 +12,11 @@ from scipy.optimize import minimize_scalar
 from threadpoolctl import threadpool_limits
 
 from vic_toolbox.errors import Array, InputError, finite_array, one_of, positive
-from vic_toolbox.estimation import observability
+from vic_toolbox.estimation import huber, observability
 from vic_toolbox.estimation.estimate import GainEstimate, gated
 from vic_toolbox.estimation.local_gains import local_full_gains, local_gains
 from vic_toolbox.estimation.samples import LATENCY, Motion, Samples, given_noise, pooled
-from vic_toolbox.estimation.smooth_fit import SmoothFit, SmoothModel, robust_weights
+from vic_toolbox.estimation.smooth_fit import SmoothFit, SmoothModel
 from vic_toolbox.estimation.smooth_full import FullModel
 from vic_toolbox.estimation.splines import Basis
 from vic_toolbox.estimation.windows import CONSTRAINTS, STRUCTURES, chosen_solver
@@ -137,7 +137,7 @@ def fit_smooth(
     if robust:
         for _ in range(ROBUST_ROUNDS):
             previous = fit.noise
-            fit = model.fit(noise=given, start=fit, weight=robust_weights(model.residuals(fit)))
+            fit = model.fit(noise=given, start=fit, weight=huber.weights(model.residuals(fit)))
             if np.allclose(previous, fit.noise, rtol=1e-3):
                 break
     if constraint != "none":

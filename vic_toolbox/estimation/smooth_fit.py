@@ -9,15 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vic_toolbox.errors import Array
+from vic_toolbox.estimation import huber
 from vic_toolbox.estimation.nonnegative import nonnegative, nonnegative_casadi
-from vic_toolbox.estimation.penalised import Problem, Solution, pointwise
+from vic_toolbox.estimation.penalised import Problem, Solution
 from vic_toolbox.estimation.samples import Samples, root_mean_square
+from vic_toolbox.estimation.selected_inverse import pointwise
 from vic_toolbox.estimation.splines import Basis, NormalEquations, normal_equations
 
 FLOOR = 1e-6
 """Smallest eigenvalue of a constrained gain, relative to its scale: positive definite, not only semidefinite."""
-HUBER = 1.345
-"""Residual, in standard deviations, beyond which Huber's loss is linear (95 % efficient for Gaussian noise)."""
 NOISELESS = 1e-5
 """Noise relative to the wrench below which rounding matters and the solution is refined on the samples."""
 ORDERS = (2, 3)
@@ -203,12 +203,8 @@ class SmoothModel:
             freedom = np.maximum(self._freedom(fit), 1.0)
             noise = np.sqrt(np.sum(residuals**2, axis=0) / freedom)
             return dataclasses.replace(fit, noise=noise, bias_sd=_rescaled(fit.bias_sd, noise, fit.noise))
-        noise = robust_scale(residuals) if given is None else given
-        standard = residuals / np.where(noise > 0, noise, 1.0)
-        inside = np.abs(standard) <= HUBER
-        # the sandwich of Huber's estimate over the information that the weights leave
-        psi = np.clip(standard, -HUBER, HUBER)
-        widening = np.sqrt(np.mean(psi**2, axis=0) * np.mean(fit.weight, axis=0)) / np.mean(inside, axis=0)
+        noise = huber.scale(residuals) if given is None else given
+        widening = huber.widening(residuals, fit.weight, noise)
         bias_sd = _rescaled(fit.bias_sd, noise * widening, fit.noise)
         return dataclasses.replace(fit, noise=noise, widening=widening, bias_sd=bias_sd)
 
@@ -297,18 +293,6 @@ def corrected(remainder: Problem, solution: Solution, logarithms: Array) -> Solu
         coefficients=solution.coefficients + step.coefficients,
         beta=solution.beta + step.beta,
     )
-
-
-def robust_scale(residuals: Array) -> Array:
-    """Standard deviation of Gaussian noise with these residuals' median absolute value, (6,)."""
-    return 1.4826 * np.median(np.abs(residuals), axis=0)
-
-
-def robust_weights(residuals: Array) -> Array:
-    """Huber's weights: one inside ± 1.345 robust deviations, falling as the inverse of the residual outside."""
-    limit = HUBER * robust_scale(residuals)
-    size = np.abs(residuals)
-    return np.where(size > limit, limit / np.where(size > 0, size, 1.0), 1.0)
 
 
 def _rescaled(deviation: Array, new: Array, old: Array) -> Array:

@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 
 from vic_toolbox.errors import Array
 from vic_toolbox.estimation.cones import BLOCK, solve_cones
-from vic_toolbox.estimation.penalised import Problem, Solution, pointwise
+from vic_toolbox.estimation.penalised import Problem, Solution
 from vic_toolbox.estimation.samples import Samples, root_mean_square, weights
+from vic_toolbox.estimation.selected_inverse import pointwise
 from vic_toolbox.estimation.smooth_fit import FLOOR, NOISELESS, SmoothFit, SmoothModel, corrected
 from vic_toolbox.estimation.splines import Basis, NormalEquations
 from vic_toolbox.estimation.windows_full import FullUnits, duplication, matrices, symmetric_index
