@@ -45,9 +45,9 @@ bench: $(VENV)/.dev  ## measure simulation, collider, estimation, stability and 
 	$(BIN)/python -m benchmarks.stability
 	$(BIN)/python -m benchmarks.learner
 
-results: $(VENV)/.dev  ## train and judge every method on every scenario, docs/results (about 80 minutes on 4 cores)
-	OMP_NUM_THREADS=1 $(BIN)/python -m benchmarks.transfer cup-on-plate
-	OMP_NUM_THREADS=1 $(BIN)/python -m benchmarks.transfer peg-in-hole
+results: $(VENV)/.dev  ## the paper's tables and figures, docs/results (some hours on 4 cores; stopped, it goes on)
+	$(BIN)/vic study run studies/paper.toml --out runs/paper --resume
+	$(BIN)/vic study report runs/paper --out docs/results
 
 constraints:  ## resolve the dependencies anew in a throw-away environment and freeze them
 	rm -rf build/constraints && $(PYTHON) -m venv build/constraints

@@ -293,7 +293,7 @@ from vic_toolbox.experiments.training import mean_score
 from vic_toolbox.learning import Airl
 
 iterations = 4 if FAST else 100  # the recipe's 200 are a little better
-airl = replace(settings.airl, iterations=iterations, replay=20)
+airl = replace(settings.airl, iterations=iterations)
 environment = tasks.VectorEnvironment(task, airl.search.environments, threads=0)
 learner = Airl(environment, expert, configuration=airl, seed=SEED)
 
@@ -609,7 +609,7 @@ plt.show()
 # **What to see.** The gap is gone, all the way around.
 #
 # **One seed is an anecdote.** These are single runs, meant to be understood. Numbers to rely on come from
-# several seeds, all methods on the same starts; `python -m benchmarks.transfer` makes that table.
+# several seeds, all methods on the same starts; `vic study run paper` makes that table.
 #
 # ## Where to go from here
 #

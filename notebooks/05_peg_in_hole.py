@@ -492,7 +492,7 @@ plt.show()
 # Demonstrations of the expert at −2° only, from which AIRL learns a reward and a policy, and cloning (BC)
 # a policy. While the expert works the hand is pushed a little (0.4 N, 0.2 m above the COM, so that a push
 # also turns the peg): without that the recordings would show one sign of every misalignment only. The
-# recipe is the toolbox's, with 100 iterations instead of 150:
+# recipe is the toolbox's, with 100 iterations instead of 200:
 
 # %%
 from vic_toolbox.experiments.figures.motion import gains_over_time
@@ -591,7 +591,8 @@ def optimise(frozen, tilt, *, fresh=True):
     """(iteration, success of the mean policy) on the way."""
     there = tasks.make("peg-in-hole", scenario=f"tilt={tilt}")
     simulations = 4 if FAST else 20  # half the recipe's, to save time
-    configuration = replace(settings.transfer, fresh=fresh, search=replace(search, environments=simulations))
+    search = replace(settings.transfer.search, environments=simulations)
+    configuration = replace(settings.transfer, fresh=fresh, search=search)
     if fresh:  # it has farther to go
         configuration = replace(configuration, iterations=60, divergence=0.03, divergence_final=0.002)
     if FAST:

@@ -62,7 +62,7 @@ def test_every_command_explains_itself_with_an_example_and_a_seed(capsys: pytest
     assert main([name, "--help"]) == 0
     text = capsys.readouterr().out
     assert f"Example: vic {name}" in text
-    assert name in ("tasks", "recording", "fit") or "--seed" in text
+    assert name in ("tasks", "recording", "fit", "study") or "--seed" in text
     assert "STR" not in text.replace("{", "")
 
 

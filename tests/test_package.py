@@ -58,15 +58,19 @@ def test_parts_are_found_by_attribute_and_by_name():
 
 
 @pytest.mark.slow
-def test_wheel_carries_the_robots(tmp_path: Path):
+def test_wheel_carries_the_robots_and_the_studies(tmp_path: Path):
     build = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", tmp_path]
     subprocess.run(build, cwd=ROOT, check=True)
     (wheel,) = tmp_path.glob("*.whl")
     names = set(zipfile.ZipFile(wheel).namelist())
     for robot in ("fanuc_lrmate200id7l", "cup_gripper", "peg"):
         assert {f"vic_toolbox/robots/{robot}/{robot}.urdf", f"vic_toolbox/robots/{robot}/robot.toml"} <= names
-    assert "vic_toolbox/py.typed" in names
-    assert not any(name.startswith(("tests/", "robots/")) for name in names)
+    assert {
+        "vic_toolbox/py.typed",
+        "vic_toolbox/studies/paper.toml",
+        "vic_toolbox/studies/quick.toml",
+    } <= names
+    assert not any(name.startswith(("tests/", "robots/", "studies/")) for name in names)
 
 
 # pinned versions ----------------------------------------------------------------------------------

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import shlex
 import sys
 import warnings
@@ -60,6 +61,8 @@ def _dispatch(line: list[str]) -> int:
 def _parse(name: str, words: list[str]) -> Command:
     options: dict[str, Any] = {"args": words, "prog": f"vic {name}", "config": (FlagCreatePairsOff,)}
     kind = COMMANDS[name]
+    if parts := getattr(kind, "parts", None):
+        return tyro.extras.subcommand_cli_from_dict(parts, description=inspect.getdoc(kind), **options)
     if kind not in (Train, Transfer):
         return tyro.cli(kind, **options)
     if words == ["--help-all"]:
@@ -90,7 +93,7 @@ def _print_help() -> None:
 
 
 def _how_to_go_on(line: list[str]) -> str:
-    if line and line[0] in ("train", "transfer"):
+    if line and (line[0] in ("train", "transfer") or line[:2] == ["study", "run"]):
         line = line if "--resume" in line else [*line, "--resume"]
     elif not line or line[0] != "demo":
         return ""

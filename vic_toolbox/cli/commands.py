@@ -5,13 +5,14 @@ Heavy imports happen when a command runs, so that help is quick. A new command i
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 from vic_toolbox.cli.fit import Fit
 from vic_toolbox.cli.learning import Demo, Train, Transfer
 from vic_toolbox.cli.looking import Evaluate, Play, Robots, Tasks
 from vic_toolbox.cli.recording import Recording
 from vic_toolbox.cli.stability import Stability
+from vic_toolbox.cli.study import Study
 from vic_toolbox.cli.twin import Twin
 
 
@@ -23,7 +24,13 @@ class Command(Protocol):
         ...
 
 
-COMMANDS: dict[str, type[Command]] = {
+class Group(Protocol):
+    """A command with commands of its own."""
+
+    parts: ClassVar[dict[str, type]]
+
+
+COMMANDS: dict[str, type[Command] | type[Group]] = {
     "demo": Demo,
     "train": Train,
     "transfer": Transfer,
@@ -33,6 +40,7 @@ COMMANDS: dict[str, type[Command]] = {
     "fit": Fit,
     "stability": Stability,
     "twin": Twin,
+    "study": Study,
     "robots": Robots,
     "tasks": Tasks,
 }

@@ -4,15 +4,19 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import OmitArgPrefixes, Positional, arg
 
 from vic_toolbox.cli.console import console_progress, print_table, say
-from vic_toolbox.cli.options import MaybeFile, NewFolder
+from vic_toolbox.cli.options import MaybeFile, Name, NewFolder
 from vic_toolbox.cli.reading import Reading
 from vic_toolbox.errors import InputError
 from vic_toolbox.experiments.fit_settings import FitSettings
+
+if TYPE_CHECKING:
+    from vic_toolbox.experiments.fitting import Fit as FittedLogs
+    from vic_toolbox.tasks import Task
 
 Logs = Positional[Annotated[tuple[Path, ...], arg(metavar="FILE ...")]]
 
@@ -37,6 +41,8 @@ class Fit:
     """Log of the same sensor, untouched, at rest in tilted poses: its bias and the tool's weight are taken out."""
     overwrite: bool = False
     """Replace a fit that is in the folder already."""
+    task: Name = None
+    """Write demonstrations.npz too, the motions and their gains as demonstrations of this task, for `vic train`."""
     settings: OmitArgPrefixes[FitSettings] = field(default_factory=FitSettings)
     reading: OmitArgPrefixes[Reading] = field(default_factory=Reading)
 
@@ -67,6 +73,7 @@ class Fit:
         name = "example" if self.example else files[0].stem if files else "nothing"
         out = self.out or Path("runs") / f"fit-{name}"
         refuse_folder(out, overwrite=self.overwrite)
+        task = None if self.task is None else _task(self.task)
         with console_progress() as progress:
             fit = fit_logs(
                 files,
@@ -93,3 +100,25 @@ class Fit:
         say("Next:")
         for command, what in next_steps(fit, out):
             say("\n".join(f"  {line}" for line in command.splitlines()) + f"\n      {what}")
+        if task is not None:
+            _write_demonstrations(fit, task, out)
+
+
+def _task(name: str) -> Task:
+    """The task, before any work: here it may be missing, or need what is not installed."""
+    from vic_toolbox import tasks
+
+    return tasks.make(name)
+
+
+def _write_demonstrations(fit: FittedLogs, task: Task, out: Path) -> None:
+    from vic_toolbox.experiments.fit_demonstrations import FILE, fit_demonstrations, next_step
+
+    found, remarks = fit_demonstrations(fit, task)
+    found.save(out / FILE)
+    count, steps = found.actions.shape[:2]
+    say(f"  {out / FILE}\n      {count} demonstrations of {task.title}, {steps} steps of {task.dt:g} s.")
+    for remark in remarks:
+        say(f"      {remark}")
+    command, what = next_step(task.name, out, remarks)
+    say(f"  {command}\n      {what}")

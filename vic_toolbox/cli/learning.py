@@ -5,14 +5,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal, TypeVar
+from typing import TYPE_CHECKING, Annotated, Literal, TypeVar
 
 import tyro
-from tyro.conf import FlagCreatePairsOff
+from tyro.conf import FlagCreatePairsOff, arg
 
 from vic_toolbox.cli.console import console_progress, print_result, say
 from vic_toolbox.cli.options import Count, HyperParameters, NewFolder, Number, Run, Scenario, TaskName
+from vic_toolbox.errors import InputError
 
+if TYPE_CHECKING:
+    from vic_toolbox.experiments.configuration import DemonstrationConfiguration, RecordedDemonstrations
+
+Demonstrations = Annotated[int | Path, arg(metavar="N|FILE")]
 T = TypeVar("T")
 
 
@@ -74,10 +79,10 @@ class Train:
     """Take up the run in that folder where it was stopped, if there is one."""
     iterations: Count = None
     """Iterations of AIRL, or steps of cloning; by default the task's recipe."""
-    demonstrations: int = 50
-    """Trajectories of the expert to learn from."""
-    held_out: int = 10
-    """Further trajectories that only judge the learning."""
+    demonstrations: Demonstrations = 50
+    """Trajectories of the expert to learn from; or a file of recorded ones, see `vic fit --task`."""
+    held_out: Count = None
+    """Trajectories that only judge the learning: by default 10 further ones, of a file every sixth."""
     push: Number = None
     """Size of the random pushes on the expert [N]; by default the task's own."""
     episodes: int = 20
@@ -89,7 +94,7 @@ class Train:
 
     def run(self) -> None:
         """Train."""
-        from vic_toolbox.experiments.configuration import DemonstrationConfiguration, default_configuration
+        from vic_toolbox.experiments.configuration import default_configuration
         from vic_toolbox.experiments.training import train
 
         run = default_configuration(
@@ -99,9 +104,7 @@ class Train:
             history=self.history,
             seed=self.seed,
             episodes=self.episodes,
-            demonstrations=DemonstrationConfiguration.for_task(
-                self.task, count=self.demonstrations, held_out=self.held_out, push=self.push
-            ),
+            demonstrations=self._demonstrations(),
         )
         recipe = run.recipe
         if self.iterations is not None:
@@ -114,8 +117,27 @@ class Train:
         name = f"{self.task}-{self.method}-{self.action}-{self.history}-seed{self.seed}"
         out = self.out or Path("runs") / name
         with console_progress() as progress:
-            evaluation = train(run, out, resume=self.resume, threads=self.threads, progress=progress)
+            evaluation = train(
+                run,
+                out,
+                resume=self.resume,
+                threads=self.threads,
+                progress=progress,
+                demonstrations=self.demonstrations if isinstance(self.demonstrations, Path) else None,
+            )
         print_result(evaluation, out)
+
+    def _demonstrations(self) -> DemonstrationConfiguration | RecordedDemonstrations:
+        from vic_toolbox.experiments.configuration import DemonstrationConfiguration, RecordedDemonstrations
+
+        if isinstance(self.demonstrations, int):
+            held_out = 10 if self.held_out is None else self.held_out
+            return DemonstrationConfiguration.for_task(
+                self.task, count=self.demonstrations, held_out=held_out, push=self.push
+            )
+        if self.push is not None:
+            raise InputError("--push is for an expert that is recorded now; leave it out with a file.")
+        return RecordedDemonstrations.of(self.demonstrations, held_out=self.held_out)
 
 
 @dataclass(frozen=True)

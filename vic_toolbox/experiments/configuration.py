@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import math
+import os
 import types
 import typing
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields, is_dataclass
+from pathlib import Path
 from typing import Any, Literal, Self, TypeVar
 
 from vic_toolbox import tasks
 from vic_toolbox.errors import FileError, InputError, finite_number, integer, one_of
+from vic_toolbox.files import file_digest
 from vic_toolbox.learning import Recipe, TransferConfiguration, recipe
 from vic_toolbox.tasks.vector_environment import MOST_NOISE
 
@@ -52,6 +55,40 @@ class DemonstrationConfiguration:
         return cls(push=tasks.make(task).push if push is None else push, **options)
 
 
+@dataclass(frozen=True, kw_only=True)
+class RecordedDemonstrations:
+    """Demonstrations from a file, a human's for example, instead of the task's own expert."""
+
+    file: str
+    """Name of the file, without its folder."""
+    sha256: str
+    """Digest of its content: a run is only taken up again with the same demonstrations."""
+    held_out: int
+    """Trajectories that only judge the learning: the last ones."""
+
+    def __post_init__(self) -> None:
+        integer("held-out demonstrations", self.held_out, low=1)
+
+    @classmethod
+    def of(cls, path: str | os.PathLike[str], *, held_out: int | None = None) -> Self:
+        """Of a file as it is now; by default every sixth trajectory is held out.
+
+        Raises
+        ------
+        FileError
+            The file is missing, or holds no demonstrations.
+        InputError
+            No trajectory would be left to learn from.
+        """
+        count = len(tasks.Demonstrations.load(path))
+        if count < 2:
+            raise InputError(f"{path} holds one trajectory; pass two or more, one of them only judges.")
+        kept = (
+            max(1, count // 6) if held_out is None else integer("held-out", held_out, low=1, high=count - 1)
+        )
+        return cls(file=Path(path).name, sha256=file_digest(path), held_out=kept)
+
+
 @dataclass(frozen=True)
 class RunConfiguration:
     """A training run."""
@@ -62,8 +99,8 @@ class RunConfiguration:
     """AIRL, behaviour cloning, or gains that never change."""
     recipe: Recipe
     """Every hyper-parameter of learning."""
-    demonstrations: DemonstrationConfiguration
-    """How the expert is recorded."""
+    demonstrations: DemonstrationConfiguration | RecordedDemonstrations
+    """How the expert is recorded, or the file that holds what he did."""
     action: Literal["gain", "force"] = "gain"
     """What the policy sets: gains, or the feedback wrench itself."""
     history: int = 1
@@ -85,6 +122,8 @@ class RunConfiguration:
                 f"constant gains with action {self.action!r} and history {self.history} make no sense; "
                 "use action 'gain' and history 1."
             )
+        if self.method == "constant" and isinstance(self.demonstrations, RecordedDemonstrations):
+            raise InputError("constant gains learn nothing from demonstrations; leave the file out.")
 
 
 @dataclass(frozen=True)
@@ -181,7 +220,12 @@ def _read(hint: Any, value: Any, where: str) -> Any:
     if is_dataclass(hint):
         return from_json(typing.cast(type, hint), value, where=where)
     if typing.get_origin(hint) in (typing.Union, types.UnionType):
-        return value
+        tables = [kind for kind in typing.get_args(hint) if is_dataclass(kind)]
+        if not tables:
+            return value
+        keys = set(value) if isinstance(value, Mapping) else set()
+        alike = [len(keys & {entry.name for entry in fields(kind)}) for kind in tables]
+        return from_json(typing.cast(type, tables[alike.index(max(alike))]), value, where=where)
     wanted = (int, float) if hint is float else hint if isinstance(hint, type) else str
     if not isinstance(value, wanted) or (isinstance(value, bool) and hint is not bool):
         raise FileError(f"{where} is {value!r:.60}; expected {getattr(hint, '__name__', hint)}")

@@ -129,6 +129,7 @@ def sweep_difficulty(
     seed: int = START_SEED,
     threads: int = 0,
     progress: Progress | None = None,
+    beside: bool = True,
 ) -> DifficultySweep:
     """Run every policy, the expert and the constant gains at every value of a quantity.
 
@@ -151,6 +152,8 @@ def sweep_difficulty(
         Threads of the simulation, 0 for all processors; the numbers do not depend on it.
     progress : Progress, optional
         Told how it goes; by default nobody.
+    beside : bool
+        Run the expert and the constant gains too.
 
     Raises
     ------
@@ -165,7 +168,9 @@ def sweep_difficulty(
     progress.stage(f"sweep over {quantity}", len(axis.values))
     for i, value in enumerate(axis.values):
         there = tasks.make(task.name, action=task.action, history=task.history, scenario=axis.scenario(value))
-        contestants = {"expert": Policy.expert(there), **policies, **baselines(there)}
+        contestants = dict(policies)
+        if beside:
+            contestants = {"expert": Policy.expert(there), **contestants, **baselines(there)}
         for name, policy in contestants.items():
             outcome = run_episodes(there, policy.act, episodes=episodes, seed=seed, threads=threads)
             success.setdefault(name, []).append(float(outcome.success.mean()))

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from html import escape
 from pathlib import Path
 from string import Template
-from typing import Any
+from typing import Any, Protocol
 
 import vic_toolbox
 from vic_toolbox.errors import FileError
@@ -29,7 +29,7 @@ class Figure:
         """The element."""
         kind = "image/svg+xml" if self.path.suffix == ".svg" else "image/png"
         picture = f'<img alt="{escape(self.title, quote=True)}" src="{_embedded(self.path, kind)}">'
-        return _section(
+        return section(
             self.title, f"<figure>{picture}<figcaption>{escape(self.caption)}</figcaption></figure>"
         )
 
@@ -48,7 +48,7 @@ class Film:
         toggle = "this.paused ? this.play() : this.pause()"
         attributes = f'loop muted autoplay playsinline title="click to pause" onclick="{toggle}"'
         film = f'<video {attributes} src="{source}"></video>'
-        return _section(self.title, f"<figure>{film}<figcaption>{escape(self.caption)}</figcaption></figure>")
+        return section(self.title, f"<figure>{film}<figcaption>{escape(self.caption)}</figcaption></figure>")
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ class Table:
             f"<tr{' class=marked' if i in self.marked else ''}>{row}</tr>" for i, row in enumerate(rows)
         )
         table = f"<div class=scroll><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>"
-        return _section(
+        return section(
             self.title, table + (f"<p class=caption>{escape(self.caption)}</p>" if self.caption else "")
         )
 
@@ -100,7 +100,7 @@ class Remedies:
             + "</li>"
             for kind, what, remedy in self.items
         )
-        return _section(self.title, f"<ul class=remedies>{items}</ul>")
+        return section(self.title, f"<ul class=remedies>{items}</ul>")
 
 
 @dataclass(frozen=True)
@@ -115,7 +115,7 @@ class Commands:
         items = "".join(
             f"<dt><code>{escape(line)}</code></dt><dd>{escape(what)}</dd>" for line, what in self.commands
         )
-        return _section(self.title, f"<dl class=commands>{items}</dl>")
+        return section(self.title, f"<dl class=commands>{items}</dl>")
 
 
 @dataclass(frozen=True)
@@ -136,7 +136,12 @@ class Settings:
         )
 
 
-Part = Figure | Film | Table | Note | Remedies | Commands | Settings
+class Part(Protocol):
+    """What a page is put together from: those above, and whatever else writes itself."""
+
+    def html(self) -> str:
+        """The element."""
+        ...
 
 
 def write_report(
@@ -184,7 +189,8 @@ def write_report(
     write_atomically(path, page)
 
 
-def _section(title: str, content: str) -> str:
+def section(title: str, content: str) -> str:
+    """A part of the page under a heading; the content is HTML."""
     return f"<section><h2>{escape(title)}</h2>{content}</section>"
 
 

@@ -108,7 +108,7 @@ class RunFolder:
 
     @property
     def complete(self) -> bool:
-        """Whether the run ended; the report is its last file."""
+        """Whether the run ended with its report, which is its last file."""
         return (self.path / "report.html").exists()
 
     def __enter__(self) -> Self:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from vic_toolbox.experiments import report
 from vic_toolbox.experiments.configuration import flatten
 from vic_toolbox.experiments.difficulty import offered_sweeps
-from vic_toolbox.experiments.evaluation import Evaluation, Policy, baselines, judge
+from vic_toolbox.experiments.evaluation import Evaluation, Policy, baselines, evaluate, judge
 from vic_toolbox.experiments.figures import style
 from vic_toolbox.experiments.report_parts import (
     learning_figure,
@@ -27,6 +27,13 @@ from vic_toolbox.experiments.trace import record_trace
 from vic_toolbox.tasks import Task
 
 
+def judge_run(skill: Skill, *, threads: int = 0) -> Evaluation:
+    """Evaluate the run on its scenario and write ``evaluation.json``: :func:`report_run` without its pages."""
+    own = evaluate(skill.task(), skill.judged, episodes=_episodes(skill), threads=threads)
+    write_evaluation(skill.folder, own)
+    return own
+
+
 def report_run(skill: Skill, *, before: Skill | None = None, threads: int = 0) -> Evaluation:
     """Evaluate the run on its scenario; write ``evaluation.json``, the figures and ``report.html``.
 
@@ -41,8 +48,7 @@ def report_run(skill: Skill, *, before: Skill | None = None, threads: int = 0) -
     """
     task, label = skill.task(), style.look(skill.look).label
     policies = _contestants(task, skill, before)
-    episodes = skill.transfer.episodes if skill.transfer else skill.run.episodes
-    rows = judge(task, policies, episodes=episodes, threads=threads)
+    rows = judge(task, policies, episodes=_episodes(skill), threads=threads)
     own = rows[skill.look]
     write_evaluation(skill.folder, own)
     labelled = [(style.look(name).label, row) for name, row in rows.items()]
@@ -62,12 +68,16 @@ def report_run(skill: Skill, *, before: Skill | None = None, threads: int = 0) -
     return own
 
 
+def _episodes(skill: Skill) -> int:
+    return skill.transfer.episodes if skill.transfer else skill.run.episodes
+
+
 def _contestants(task: Task, skill: Skill, before: Skill | None) -> dict[str, Policy]:
     policies = {"expert": Policy.expert(task)}
     if before is not None:
         policies["before"] = before.judged
     policies[skill.look] = skill.judged
-    return policies | baselines(task)
+    return policies | {name: policy for name, policy in baselines(task).items() if name not in policies}
 
 
 def _figures(skill: Skill, task: Task, policies: Mapping[str, Policy], own: Evaluation) -> list[report.Part]:

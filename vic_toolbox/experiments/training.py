@@ -12,13 +12,14 @@ from dataclasses import dataclass
 import torch
 
 from vic_toolbox import tasks
-from vic_toolbox.experiments.configuration import RunConfiguration, to_json
+from vic_toolbox.experiments.configuration import DemonstrationConfiguration, RunConfiguration, to_json
 from vic_toolbox.experiments.evaluation import Act, Evaluation, run_episodes
+from vic_toolbox.experiments.given_demonstrations import COPY, given_demonstrations
 from vic_toolbox.experiments.loop import one_thread, run_to_end
 from vic_toolbox.experiments.progress import Progress
 from vic_toolbox.experiments.results import read_evaluation
 from vic_toolbox.experiments.run_folder import RunFolder
-from vic_toolbox.experiments.run_report import report_run
+from vic_toolbox.experiments.run_report import judge_run, report_run
 from vic_toolbox.experiments.skill import load_skill, make_task
 from vic_toolbox.learning import Airl, ExpertData, GaussianPolicy, clone, save_policy, save_reward
 from vic_toolbox.learning.policy_search import random_stream
@@ -37,12 +38,12 @@ class Workshop:
     threads: int
     seconds: float
     progress: Progress
+    given: tasks.Demonstrations | None = None
+    """Demonstrations from a file, until the folder has its copy."""
 
     def policy(self) -> GaussianPolicy:
         """An untrained policy."""
-        search = self.run.recipe.airl.search
-        seed = int(random_stream(self.run.seed, 5).integers(2**31))
-        return GaussianPolicy.for_task(self.task, hidden=search.hidden, log_std=search.log_std, seed=seed)
+        return untrained_policy(self.run, self.task)
 
     def expert(self) -> ExpertData:
         """The expert's demonstrations as rows for learning."""
@@ -58,17 +59,21 @@ class Workshop:
 
     def _demonstrations(self) -> tasks.Demonstrations:
         """What the expert did; kept in the folder, so that a run taken up again learns from the same."""
-        path, wanted = self.folder.path / "demonstrations.npz", self.run.demonstrations
+        path, wanted = self.folder.path / COPY, self.run.demonstrations
         if path.exists():
             return tasks.Demonstrations.load(path)
-        recorded = tasks.record(
-            self.task,
-            wanted.count + wanted.held_out,
-            seed=self.run.seed,
-            push=wanted.push,
-            start_noise=wanted.start_noise,
-            threads=self.threads,
-        )
+        if isinstance(wanted, DemonstrationConfiguration):
+            recorded = tasks.record(
+                self.task,
+                wanted.count + wanted.held_out,
+                seed=self.run.seed,
+                push=wanted.push,
+                start_noise=wanted.start_noise,
+                threads=self.threads,
+            )
+        else:
+            assert self.given is not None  # given_demonstrations saw to it
+            recorded = self.given
         recorded.save(path)
         return recorded
 
@@ -81,6 +86,8 @@ def train(
     threads: int = 0,
     seconds: float = math.inf,
     progress: Progress | None = None,
+    report: bool = True,
+    demonstrations: str | os.PathLike[str] | None = None,
 ) -> Evaluation:
     """Train, judge on the training scenario, and write the run's folder with its report.
 
@@ -101,25 +108,32 @@ def train(
         Stop AIRL early once so much time is used up [s]; then the numbers depend on the machine.
     progress : Progress, optional
         Told how it goes; by default nobody.
+    report : bool
+        Draw the figures and write the report; without them, as in a study of many runs, the run ends with its
+        evaluation, and a later call with `report` makes up for it.
+    demonstrations : str or PathLike, optional
+        The file to learn from, where the configuration says so
+        (:class:`~vic_toolbox.experiments.configuration.RecordedDemonstrations`). The run's folder keeps a copy.
 
     Raises
     ------
     InputError, FileError
-        Bad configuration or folder.
+        Bad configuration, folder or demonstrations.
     KeyboardInterrupt
         Ctrl-C; `resume` goes on from there.
     """
     progress = progress or Progress()
     task = make_task(run, "train")
+    given = given_demonstrations(run, out, demonstrations)
     with RunFolder.create(out, "training", to_json(run), resume=resume) as folder, one_thread():
         if folder.complete:
             progress.say(f"{folder.path} is complete already.")
             return read_evaluation(folder, task.scenario.name)
-        workshop = Workshop(run, folder, task, threads, seconds, progress)
+        workshop = Workshop(run, folder, task, threads, seconds, progress, given)
         policy = _METHODS[run.method](workshop)
         save_policy(folder.path / "policy.safetensors", policy)
-        progress.stage("evaluation and report")
-        return report_run(load_skill(folder.path), threads=threads)
+        progress.stage("evaluation and report" if report else "evaluation")
+        return (report_run if report else judge_run)(load_skill(folder.path), threads=threads)
 
 
 def _train_airl(shop: Workshop) -> GaussianPolicy:
@@ -169,6 +183,13 @@ _METHODS: dict[str, Callable[[Workshop], GaussianPolicy]] = {
     "bc": _train_bc,
     "constant": _constant,
 }
+
+
+def untrained_policy(run: RunConfiguration, task: tasks.Task) -> GaussianPolicy:
+    """The policy that learning begins with: random weights, drawn by the run's seed."""
+    search = run.recipe.airl.search
+    seed = int(random_stream(run.seed, 5).integers(2**31))
+    return GaussianPolicy.for_task(task, hidden=search.hidden, log_std=search.log_std, seed=seed)
 
 
 def mean_score(task: tasks.Task, act: Act) -> float:

@@ -14,7 +14,7 @@ from vic_toolbox.experiments.loop import one_thread, run_to_end
 from vic_toolbox.experiments.progress import Progress
 from vic_toolbox.experiments.results import read_evaluation
 from vic_toolbox.experiments.run_folder import RunFolder
-from vic_toolbox.experiments.run_report import report_run
+from vic_toolbox.experiments.run_report import judge_run, report_run
 from vic_toolbox.experiments.skill import Skill, fingerprint, load_skill
 from vic_toolbox.experiments.training import mean_score
 from vic_toolbox.learning import RewardNetwork, Transfer, TransferConfiguration, save_policy, save_reward
@@ -35,6 +35,7 @@ def transfer(
     threads: int = 0,
     seconds: float = math.inf,
     progress: Progress | None = None,
+    report: bool = True,
 ) -> Evaluation:
     """Optimise a policy under the frozen reward of a run, on another scenario, and write a run folder of its
     own.
@@ -57,7 +58,7 @@ def transfer(
         Hyper-parameters; by default those of the source's recipe.
     episodes : int
         Episodes of the evaluation at the end.
-    resume, threads, seconds, progress
+    resume, threads, seconds, progress, report
         As for :func:`~vic_toolbox.experiments.training.train`.
 
     Raises
@@ -100,8 +101,11 @@ def transfer(
         )
         save_reward(folder.path / "reward.safetensors", frozen)
         save_policy(folder.path / "policy.safetensors", learner.result())
-        progress.stage("evaluation and report")
-        return report_run(load_skill(folder.path), before=None if fresh else skill, threads=threads)
+        progress.stage("evaluation and report" if report else "evaluation")
+        moved = load_skill(folder.path)
+        if not report:
+            return judge_run(moved, threads=threads)
+        return report_run(moved, before=None if fresh else skill, threads=threads)
 
 
 def _reward(skill: Skill, kind: str, seed: int) -> RewardNetwork:

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from vic_toolbox.errors import InputError
 from vic_toolbox.learning.airl import AirlConfiguration
 from vic_toolbox.learning.cloning import CloningConfiguration
+from vic_toolbox.learning.policy_search import PolicySearchConfiguration
 from vic_toolbox.learning.transfer import TransferConfiguration
 
 
@@ -40,14 +41,20 @@ def recipe(task: str, *, action: str, history: int) -> Recipe:
         raise InputError(f"no recipe for task {task!r} with action {action!r}; known: {known}") from None
     if history == 1:
         return chosen
-    search = replace(chosen.airl.search, hidden=128)
-    return replace(
-        chosen, airl=replace(chosen.airl, search=search), transfer=replace(chosen.transfer, search=search)
+    airl, transfer = (
+        replace(each, search=replace(each.search, hidden=128)) for each in (chosen.airl, chosen.transfer)
     )
+    return replace(chosen, airl=airl, transfer=transfer)
 
+
+# The same reward, looked at over a longer time: what a gain does where it was never shown may only be seen later, when
+# the peg lands or the cup arrives. In imitation short credit is closer to the expert, see docs/reproduction.md.
+_FARSIGHTED = PolicySearchConfiguration(discount=0.95, trace=0.95)
 
 _CUP_ON_PLATE = Recipe(
-    airl=AirlConfiguration(), transfer=TransferConfiguration(), cloning=CloningConfiguration()
+    airl=AirlConfiguration(replay=20),
+    transfer=TransferConfiguration(search=_FARSIGHTED),
+    cloning=CloningConfiguration(),
 )
 
 _FORCE_SEARCH = replace(_CUP_ON_PLATE.airl.search, log_std=-1.5, discount=0.98, trace=0.97)
@@ -66,6 +73,7 @@ _CUP_ON_PLATE_FORCE = replace(
         sharpen_below=0.65,
         sharpen_iterations=100,
         restart_above=0.9,
+        replay=0,
         search=_FORCE_SEARCH,
     ),
     transfer=replace(_CUP_ON_PLATE.transfer, search=_FORCE_SEARCH),
@@ -79,7 +87,6 @@ _PEG_SEARCH = replace(_CUP_ON_PLATE.airl.search, environments=40)
 # steps: the policy is good already, and the reward is known only near what was shown.
 _PEG_IN_HOLE = Recipe(
     airl=AirlConfiguration(
-        iterations=150,
         slope_bound=15.0,
         slope_bound_final=50.0,
         expert_noise=0.07,
@@ -90,19 +97,21 @@ _PEG_IN_HOLE = Recipe(
         search=_PEG_SEARCH,
     ),
     transfer=TransferConfiguration(
-        iterations=20, divergence=0.003, divergence_final=0.001, search=_PEG_SEARCH
+        iterations=30,
+        divergence=0.005,
+        divergence_final=0.001,
+        search=replace(_FARSIGHTED, environments=40),
     ),
     cloning=CloningConfiguration(),
     stratified=True,
 )
 
-_PEG_FORCE_SEARCH = replace(_PEG_SEARCH, log_std=-1.0, discount=0.95, trace=0.95)
+_PEG_FORCE_SEARCH = replace(_FARSIGHTED, environments=40, log_std=-1.0)
 
 _PEG_IN_HOLE_FORCE = replace(
     _PEG_IN_HOLE,
     airl=replace(
         _PEG_IN_HOLE.airl,
-        iterations=200,
         slope_bound_final=40.0,
         sharpen_below=0.6,
         sharpen_iterations=100,

@@ -120,6 +120,8 @@ class CupOnPlate:
     scenario : str, Scenario or (x, y, z)
         Where episodes start unless a reset says otherwise: a name, "x,y,z" or a point [m]; see
         :func:`vic_toolbox.tasks.cup_scene.start_angles` for what is checked.
+    substeps : int, optional
+        Physics steps in a policy step; more of them are smaller ones, to see what depends on their size.
 
     Attributes
     ----------
@@ -155,10 +157,18 @@ class CupOnPlate:
     outcome_text: tuple[str, str] = ("the cup stands", "the cup does not stand")
     as_scenario = staticmethod(as_scenario)
 
-    def __init__(self, *, action: str = "gain", history: int = 1, scenario: Any = "train") -> None:
+    def __init__(
+        self,
+        *,
+        action: str = "gain",
+        history: int = 1,
+        scenario: Any = "train",
+        substeps: int | None = None,
+    ) -> None:
         self.action = one_of("action", action, ("gain", "force"))
         self.history = integer("history", history, low=1)
         self.scenario = as_scenario(scenario)
+        self.substeps = integer("substeps", type(self).substeps if substeps is None else substeps, low=1)
         self.observation_size = 12 * self.history
         self.observation_scale = np.tile(OBSERVATION_SCALE, self.history)
         self.action_size, bound = (GAINS.size, 1.0) if action == "gain" else (6, LARGEST_FORCE_ACTION)
@@ -171,11 +181,12 @@ class CupOnPlate:
 
     def with_action(self, action: str) -> CupOnPlate:
         """The same task in another action space."""
-        return CupOnPlate(action=action, history=self.history, scenario=self.scenario)
+        return CupOnPlate(action=action, history=self.history, scenario=self.scenario, substeps=self.substeps)
 
     def simulation(self, count: int, *, threads: int = 1) -> ArmSimulation:
         """A new batch of simulations, for :meth:`start`."""
-        return ArmSimulation(physics_model(), count, threads=threads, push_body=CUP)
+        model = physics_model(time_step=self.dt / self.substeps)
+        return ArmSimulation(model, count, threads=threads, push_body=CUP)
 
     def start(
         self, simulation: ArmSimulation, scenarios: Sequence[Any], *, noise: float, rng: np.random.Generator
@@ -287,6 +298,15 @@ class CupOnPlate:
         wrench = -parameters[..., :6] * last[..., :6]
         wrench[..., :3] -= parameters[..., 6:] * np.sqrt(parameters[..., :3]) * last[..., 6:9]
         return np.clip(wrench / WRENCH_UNIT, self.action_low, self.action_high)
+
+    def wrench_to_action(self, wrench: Array, observations: ArrayLike) -> Array:
+        """Force action with which arm and law give the whole feedback wrench (..., 6) [N, Nm] at the observations.
+
+        The law adds the rotational damping itself.
+        """
+        own = np.array(wrench)
+        own[..., 3:] += ROTATIONAL_DAMPING * _newest(observations)[..., 9:]
+        return np.clip(own / WRENCH_UNIT, self.action_low, self.action_high)
 
 
 def _newest(observations: ArrayLike) -> Array:

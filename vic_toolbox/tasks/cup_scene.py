@@ -150,6 +150,8 @@ def build_spec() -> mujoco.MjSpec:
 
 
 @functools.cache
-def physics_model() -> mujoco.MjModel:
-    """The model that is simulated, compiled once in a process."""
-    return scene.physics_model(build_spec())
+def physics_model(*, time_step: float = scene.TIMESTEP) -> mujoco.MjModel:
+    """The model that is simulated with a time step [s], compiled once in a process."""
+    spec = build_spec()
+    spec.option.timestep = time_step
+    return scene.physics_model(spec)

@@ -10,11 +10,12 @@ from __future__ import annotations
 
 import dataclasses
 import os
+import warnings
 import zipfile
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
     from vic_toolbox.estimation import GainEstimate
     from vic_toolbox.gains import ImpedanceGains
     from vic_toolbox.recordings import Recording
+    from vic_toolbox.tasks.recorded import Labelled
 
 PUSH_MEMORY = 0.1
 """Correlation time of the pushes [s]."""
@@ -86,10 +88,11 @@ class Demonstrations:
     def from_recordings(
         cls,
         recordings: Recording | Iterable[Recording],
-        estimate: GainEstimate | Sequence[GainEstimate],
+        estimate: GainEstimate | Sequence[GainEstimate] | None,
         *,
         task: Task,
-        fallback: ImpedanceGains | None = None,
+        fallback: ImpedanceGains | Literal["others"] | None = None,
+        hold: bool = False,
     ) -> Demonstrations:
         """Demonstrations from recordings of an arm, a human's for example, and the gains that were fitted to them.
 
@@ -101,13 +104,19 @@ class Demonstrations:
         Parameters
         ----------
         recordings : Recording, or iterable of them
-            Motions about the task's goal, in world axes: as they were fitted, in the same order.
-        estimate : GainEstimate, or one for each recording
-            One for several recordings is a pooled one, whose clock starts with each of them.
+            Motions about the task's goal, in world axes: as they were fitted, in the same order. With `hold` they may
+            go on for longer than what was fitted.
+        estimate : GainEstimate, or one for each recording, or None
+            One for several recordings is a pooled one, whose clock starts with each of them. None, for force actions
+            only: the action is the measured wrench itself.
         task : Task
             Whose observations, action space and score to use.
-        fallback : ImpedanceGains, optional
-            For axes and times that the data do not determine.
+        fallback : ImpedanceGains or "others", optional
+            For axes and times that the data do not determine: given gains, or, for diagonal estimates, what the
+            others have there: the median at the same time, and where none has any, that of the nearest time before.
+        hold : bool
+            Use the recordings as a whole, with the first and last gains held before and after the estimate's times:
+            for motion that goes on when there is nothing to fit any more.
 
         Raises
         ------
@@ -115,10 +124,20 @@ class Demonstrations:
             Gains are not determined and there is no fallback, the times do not fit each other, or the task
             observes something else.
         """
-        from vic_toolbox.tasks.recorded import trajectories
+        from vic_toolbox.tasks.recorded import clipping, label
 
+        found = label(recordings, estimate, task=task, fallback=fallback, hold=hold)
+        if told := clipping(found, task):
+            warnings.warn(told, stacklevel=2)
+        return cls.of(found, task)
+
+    @classmethod
+    def of(cls, found: Labelled, task: Task) -> Demonstrations:
+        """Demonstrations of motions that are labelled already, see :func:`vic_toolbox.tasks.recorded.label`."""
         return cls(
-            **trajectories(recordings, estimate, task=task, fallback=fallback),
+            observations=found.observations,
+            actions=found.actions,
+            scores=found.scores,
             task=task.name,
             action=task.action,
             scenario=task.scenario.name,
@@ -126,6 +145,36 @@ class Demonstrations:
             push=0.0,
             start_noise=0.0,
             seed=0,
+        )
+
+    def converted(self, task: Task) -> Demonstrations:
+        """The same motions as policies of this task see and label them: with another history, gains as the wrench.
+
+        Raises
+        ------
+        InputError
+            They are of another task, or hold wrenches where gains are asked for: no wrench tells its gains.
+        """
+        from vic_toolbox.tasks.recorded import stacked
+
+        if self.task != task.name:
+            raise InputError(
+                f"the demonstrations are of {self.task}; the task is {task.name}. Record them for it."
+            )
+        if (self.action, self.history) == (task.action, task.history):
+            return self
+        if self.action == "force" and task.action == "gain":
+            raise InputError(
+                "the demonstrations hold wrenches (action 'force') and gains are to be learned; pass demonstrations "
+                "with action 'gain'."
+            )
+        width = task.observation_size // task.history
+        observations = stacked(self.observations[..., -width:], task.history)
+        actions = self.actions
+        if self.action != task.action:
+            actions = task.gains_to_action(task.gains.action_to_parameters(actions), observations[:, :-1])
+        return dataclasses.replace(
+            self, observations=observations, actions=actions, action=task.action, history=task.history
         )
 
     def split(self, held_out: int) -> tuple[Demonstrations, Demonstrations]:

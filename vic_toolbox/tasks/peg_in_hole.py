@@ -125,6 +125,8 @@ class PegInHole:
         Name, text such as ``"tilt=-4,scale=0.5"``, or a scenario.
     wedges : int, optional
         Build the hole of so many convex wedges instead of the round one, for comparisons.
+    substeps : int, optional
+        Physics steps in a policy step; more of them are smaller ones, to see what depends on their size.
 
     Attributes
     ----------
@@ -141,7 +143,7 @@ class PegInHole:
     Raises
     ------
     InputError
-        Unknown action space or scenario, history below 1.
+        Unknown action space or scenario, history or substeps below 1.
     """
 
     name = "peg-in-hole"
@@ -159,12 +161,19 @@ class PegInHole:
     as_scenario = staticmethod(as_scenario)
 
     def __init__(
-        self, *, action: str = "gain", history: int = 1, scenario: Any = "train", wedges: int | None = None
+        self,
+        *,
+        action: str = "gain",
+        history: int = 1,
+        scenario: Any = "train",
+        wedges: int | None = None,
+        substeps: int | None = None,
     ) -> None:
         self.action = one_of("action", action, ("gain", "force"))
         self.history = integer("history", history, low=1)
         self.scenario = as_scenario(scenario)
         self.wedges = wedges
+        self.substeps = integer("substeps", type(self).substeps if substeps is None else substeps, low=1)
         self.observation_size = 12 * self.history
         self.observation_scale = np.tile(OBSERVATION_SCALE, self.history)
         self.action_size = 6
@@ -178,11 +187,18 @@ class PegInHole:
 
     def with_action(self, action: str) -> PegInHole:
         """The same task in another action space."""
-        return PegInHole(action=action, history=self.history, scenario=self.scenario, wedges=self.wedges)
+        return PegInHole(
+            action=action,
+            history=self.history,
+            scenario=self.scenario,
+            wedges=self.wedges,
+            substeps=self.substeps,
+        )
 
     def simulation(self, count: int, *, threads: int = 1) -> PegSimulation:
         """A new batch of simulations of the scenario's geometry, for :meth:`start`."""
-        return PegSimulation(physics_model(self.scenario.geometry, self.wedges), count, threads=threads)
+        model = physics_model(self.scenario.geometry, self.wedges, time_step=self.dt / self.substeps)
+        return PegSimulation(model, count, threads=threads)
 
     def start(
         self, simulation: PegSimulation, scenarios: Sequence[Any], *, noise: float, rng: np.random.Generator
@@ -312,6 +328,14 @@ class PegInHole:
             return GAINS.parameters_to_action(parameters)
         wrench = -parameters * _newest(observations)[..., :6]
         return np.clip(wrench / WRENCH_UNIT, self.action_low, self.action_high)
+
+    def wrench_to_action(self, wrench: Array, observations: ArrayLike) -> Array:
+        """Force action with which the law gives the whole feedback wrench (..., 6) [N, Nm] at the observations.
+
+        The law adds the damping itself.
+        """
+        own = wrench + np.array(DAMPING) * _newest(observations)[..., 6:]
+        return np.clip(own / WRENCH_UNIT, self.action_low, self.action_high)
 
 
 def _newest(observations: ArrayLike) -> Array:

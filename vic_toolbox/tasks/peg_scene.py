@@ -192,11 +192,15 @@ def build_spec(scenario: PegScenario, *, wedge_count: int | None = None) -> mujo
 
 
 @functools.lru_cache(maxsize=64)
-def physics_model(geometry: tuple[float, float, float], wedge_count: int | None = None) -> mujoco.MjModel:
-    """The model of a geometry (scale, friction, clearance), compiled once in a process."""
+def physics_model(
+    geometry: tuple[float, float, float], wedge_count: int | None = None, *, time_step: float = TIMESTEP
+) -> mujoco.MjModel:
+    """The model of a geometry (scale, friction, clearance) and a time step [s], compiled once in a process."""
     scale, friction, clearance = geometry
     scenario = PegScenario(scale=scale, friction=friction, clearance=clearance)
-    return build_spec(scenario, wedge_count=wedge_count).compile()
+    spec = build_spec(scenario, wedge_count=wedge_count)
+    spec.option.timestep = time_step
+    return spec.compile()
 
 
 def _peg(scale: float, radius: float) -> mujoco.MjSpec:

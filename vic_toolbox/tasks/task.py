@@ -124,6 +124,10 @@ class Task(Protocol):
         """Action with the effect of gain parameters [SI] at the observations."""
         ...
 
+    def wrench_to_action(self, wrench: np.ndarray, observations: np.ndarray) -> np.ndarray:
+        """Force action with which the law gives the whole feedback wrench (..., 6) at the observations."""
+        ...
+
     def constant_action(
         self, observations: np.ndarray | None = None, *, which: str = "constant"
     ) -> np.ndarray:

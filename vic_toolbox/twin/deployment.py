@@ -7,10 +7,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from vic_toolbox.errors import Array, InputError, finite_array, finite_number, integer
 from vic_toolbox.tasks import CupOnPlate, cup_scene
-from vic_toolbox.twin.loop import PERIOD
+from vic_toolbox.twin.loop import PERIOD, Loop
+from vic_toolbox.twin.operator import Operator
 from vic_toolbox.twin.robot import Twin
 
 Policy = Callable[[Array], Array]
@@ -30,7 +32,7 @@ class Deployment:
     observations: Array
     """What the policy saw: measured, late and noisy, (n, T + 1, 12 h)."""
     actions: Array
-    """(n, T, action_size)"""
+    """(n, T, action_size); of a human the wrench of the hand, (n, T, 6)."""
     peak_force: Array
     """Largest contact force, (n,) [N]."""
     stopped: Array
@@ -92,31 +94,91 @@ def run(
         Bad input, or actions of another shape.
     """
     task = CupOnPlate() if task is None else task
+    loop = _started(twin, task, scenarios, noise=start_noise, seed=seed, threads=threads)
+
+    def act(observed: Array) -> Array:
+        actions = finite_array(
+            "actions of the policy", policy(observed), shape=(len(scenarios), task.action_size)
+        )
+        task.act(loop.law, actions)
+        return actions
+
+    return _episode(loop, task, act, lambda: 0.0)
+
+
+def lead(
+    twin: Twin,
+    operator: Operator | None = None,
+    *,
+    task: CupOnPlate | None = None,
+    scenarios: Sequence[Any] = ("train",),
+    start_noise: float = 0.0,
+    seed: int = 0,
+    threads: int = 1,
+) -> Deployment:
+    """Let an operator lead copies of the twin from the very starts that :func:`run` gives a policy; nobody pushes.
+
+    The controller only compensates, as in :func:`~vic_toolbox.twin.guide`. With :data:`~vic_toolbox.twin.CALM` it is
+    the path that the operator means, without sway and tremor: what a policy that learned from him is measured against.
+
+    Parameters
+    ----------
+    twin : Twin
+    operator : Operator, optional
+        The default human.
+    task, scenarios, start_noise, seed, threads
+        As for :func:`run`; the seed also draws the operator's unrest. Of the task only rate and horizon matter.
+
+    Returns
+    -------
+    Deployment
+        Its actions (n, T, 6) are the wrench of the hand on the end-effector [N, Nm].
+    """
+    task = CupOnPlate() if task is None else task
+    loop = _started(twin, task, scenarios, noise=start_noise, seed=seed, threads=threads)
+    loop.reset(loop.arm.qpos.copy())  # the task's gains away: only gravity and Coriolis are left
+    time = PERIOD * np.arange(task.horizon * task.substeps, dtype=np.float64)
+    rng = np.random.default_rng([seed, 2, 0xDE])
+    hands = (operator or Operator()).take(time, count=len(scenarios), rng=rng)
+
+    def hand() -> Array:
+        return hands.wrench(round(loop.time / PERIOD), loop.arm.observe())
+
+    return _episode(loop, task, lambda _: hand(), hand)
+
+
+def _started(
+    twin: Twin, task: CupOnPlate, scenarios: Sequence[Any], *, noise: float, seed: int, threads: int
+) -> Loop:
+    """Copies of the twin at rest at the starts."""
     rngs = [np.random.default_rng([integer("seed", seed, low=0), part, 0xDE]) for part in range(2)]
-    count, horizon = len(scenarios), task.horizon
-    loop = twin.loop(count, rng=rngs[0], threads=threads)
-    task.start(loop.law, scenarios, noise=finite_number("start_noise", start_noise, low=0.0), rng=rngs[1])
+    loop = twin.loop(len(scenarios), rng=rngs[0], threads=threads)
+    task.start(loop.law, scenarios, noise=finite_number("start_noise", noise, low=0.0), rng=rngs[1])
     loop.begin()
-    angles, truth = np.empty((horizon + 1, count, 6)), np.empty((horizon + 1, count, 12))
-    seen = np.empty((horizon + 1, count, task.observation_size))
-    actions = np.empty((horizon, count, task.action_size))
-    peak = np.zeros(count)
-    angles[0], truth[0], now = loop.arm.qpos, loop.arm.observe(), loop.law.observe()
-    seen[0] = np.tile(now, task.history)
-    for t in range(horizon):
-        actions[t] = finite_array("actions of the policy", policy(seen[t]), shape=actions.shape[1:])
-        task.act(loop.law, actions[t])
+    return loop
+
+
+def _episode(
+    loop: Loop, task: CupOnPlate, act: Callable[[Array], Array], hand: Callable[[], ArrayLike]
+) -> Deployment:
+    """One episode: `act` at every step of the task, `hand` at every step of the physics."""
+    angles, truth, seen, actions = [loop.arm.qpos.copy()], [loop.arm.observe().copy()], [], []
+    seen.append(np.tile(loop.law.observe(), task.history))
+    peak = np.zeros(len(angles[0]))
+    for _ in range(task.horizon):
+        actions.append(act(seen[-1]))
         for _ in range(task.substeps):
-            loop.step()
+            loop.step(hand())
             peak = np.maximum(peak, loop.arm.contact_force)
-        angles[t + 1], truth[t + 1] = loop.arm.qpos, loop.arm.observe()
-        seen[t + 1] = np.concatenate([seen[t][:, 12:], loop.law.observe()], axis=1)
+        angles.append(loop.arm.qpos.copy())
+        truth.append(loop.arm.observe().copy())
+        seen.append(np.concatenate([seen[-1][:, 12:], loop.law.observe()], axis=1))
     return Deployment(
-        time=PERIOD * task.substeps * np.arange(horizon + 1, dtype=np.float64),
-        joint_position=angles.swapaxes(0, 1),
-        error=truth.swapaxes(0, 1),
-        observations=seen.swapaxes(0, 1),
-        actions=actions.swapaxes(0, 1),
+        time=PERIOD * task.substeps * np.arange(task.horizon + 1, dtype=np.float64),
+        joint_position=np.stack(angles, axis=1),
+        error=np.stack(truth, axis=1),
+        observations=np.stack(seen, axis=1),
+        actions=np.stack(actions, axis=1),
         peak_force=peak,
         stopped=loop.arm.stopped.copy(),
     )

@@ -97,6 +97,10 @@ class Operator:
         return Hands(stiffness, damping, tremor + stiffness[:, None, :] * sway)
 
 
+CALM = Operator(tremor=(0.0, 0.0), sway=(0.0, 0.0))
+"""A human who is nothing but spring and damper."""
+
+
 @dataclass(frozen=True, eq=False)
 class Hands:
     """The same operator in several demonstrations."""

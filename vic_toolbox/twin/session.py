@@ -77,7 +77,7 @@ def save_session(
 
 
 def load_session(
-    folder: str | os.PathLike[str], *, window: float = 0.08, stop: float | None = None
+    folder: str | os.PathLike[str], *, window: float = 0.08, stop: float | None = None, whole: bool = False
 ) -> list[Recording]:
     """Demonstrations as an experimenter prepares them for a fit; nothing here knows the truth.
 
@@ -93,6 +93,8 @@ def load_session(
         Of the rates [s].
     stop : float, optional
         Leave out what comes later [s].
+    whole : bool
+        Keep all of the motion, the plate and what comes after it: to learn from, not to fit.
 
     Raises
     ------
@@ -106,7 +108,7 @@ def load_session(
     for path in demonstration_paths(folder):
         log = recordings.compensate_payload(recordings.read(path, layout), payload)
         log = recordings.differentiate(log, window=window, smooth=False)
-        low = log.position[:, 2] < GOAL[2] + ABOVE
+        low = (log.position[:, 2] < GOAL[2] + ABOVE) & (not whole)
         end = log.time[low.argmax()] if low.any() else log.time[-1]
         found.append(log.between(0.0, min(end, end if stop is None else stop)))
     return found

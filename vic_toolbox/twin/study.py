@@ -22,7 +22,7 @@ from vic_toolbox.twin.comparison import KNOTS, STOP, Comparison, compare
 from vic_toolbox.twin.deployment import Policy, run
 from vic_toolbox.twin.excitation import Excitation
 from vic_toolbox.twin.guiding import guide
-from vic_toolbox.twin.operator import Operator
+from vic_toolbox.twin.operator import CALM, Operator
 from vic_toolbox.twin.parameters import Imperfections
 from vic_toolbox.twin.robot import Twin
 from vic_toolbox.twin.session import load_session, save_session
@@ -34,8 +34,6 @@ STUDY_HEAD = (
 REPLAY_HEAD = ("deviation from the nominal arm, mean / end [mm]", *cup_scene.SCENARIOS)
 ROBOTS = 3
 """Twins that each replay is tried on."""
-CALM = Operator(tremor=(0.0, 0.0), sway=(0.0, 0.0))
-"""A human who is nothing but spring and damper."""
 
 
 @dataclass(frozen=True, kw_only=True)
