@@ -200,6 +200,35 @@ def test_a_resumed_transfer_equals_the_unbroken_one(tmp_path):
     assert_same(run(resumed, 4), unbroken)
 
 
+def test_the_trained_policy_anchors_its_transfer():
+    """Maximised is (r + w log π₀)/(1 + w) − log π: a wrong reward moves the policy, and the less the larger w."""
+    environment = ToyEnvironment()
+    trained, wrong = fresh_policy(environment), RewardNetwork(4, 2, seed=5)
+
+    def transfer(anchor: float, *, fresh: bool = False) -> Transfer:
+        settings = TransferConfiguration(iterations=15, anchor=anchor, fresh=fresh, search=SEARCH)
+        return Transfer(environment, wrong, trained, configuration=settings, seed=2)
+
+    def moved(anchor: float) -> float:
+        learner = transfer(anchor)
+        run(learner, 15)
+        inputs = torch.randn(500, 4, generator=torch.Generator().manual_seed(0))
+        change = learner.result().network.value(inputs) - trained.network.value(inputs)
+        return float(change.square().mean().sqrt())
+
+    far, near, nearest = moved(0.0), moved(1.0), moved(30.0)
+    assert far > 1.2 * near > 1.2 * 1.2 * nearest
+
+    learner = transfer(3.0)
+    batch = learner.search.sample(0)
+    density = torch.distributions.Normal(trained.network.value(batch.steps), trained.log_std.exp())
+    log = density.log_prob(batch.actions).sum(1)
+    torch.testing.assert_close(learner._value(batch), (wrong.value(batch.samples) + 3.0 * log) / 4.0)
+    fresh = transfer(3.0, fresh=True)
+    batch = fresh.search.sample(0)
+    torch.testing.assert_close(fresh._value(batch), wrong.value(batch.samples))
+
+
 def test_policy_and_reward_survive_the_disk(tmp_path):
     environment = ToyEnvironment()
     policy, reward = fresh_policy(environment, seed=9), RewardNetwork(4, 2, seed=9)

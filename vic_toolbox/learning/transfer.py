@@ -2,7 +2,12 @@
 
 The learned reward says what the demonstrated skill values; a policy that maximises it where the demonstrations
 never were is the skill carried over. `fresh` starts that policy from random weights (the test of the reward
-itself), otherwise it continues from the trained one.
+itself), otherwise it continues from the trained one, π₀, which is then an *anchor* of weight w:
+
+    maximise  E Σ γᵗ ( (r(o, a) + w log π₀(a|o)) / (1 + w) − log π(a|o) )
+
+The reward was learned near the demonstrations, and so was π₀; both estimate the logarithm of the expert's density, and
+what only one of them says, in places that neither has seen, counts for less.
 """
 
 from __future__ import annotations
@@ -12,7 +17,7 @@ from dataclasses import dataclass, field
 import torch
 
 from vic_toolbox.learning.networks import GaussianPolicy
-from vic_toolbox.learning.policy_search import PolicySearch, PolicySearchConfiguration, restore
+from vic_toolbox.learning.policy_search import Batch, PolicySearch, PolicySearchConfiguration, restore
 from vic_toolbox.learning.reward import RewardNetwork
 from vic_toolbox.learning.rollouts import BatchedEnvironment
 
@@ -27,6 +32,8 @@ class TransferConfiguration:
     """Trust region δ [nats] at the first iteration."""
     divergence_final: float = 0.002
     """Trust region δ [nats] at the last iteration."""
+    anchor: float = 1.0
+    """Weight w of the trained policy's log π₀ beside the reward; a fresh policy has no anchor."""
     fresh: bool = False
     """Start from random weights instead of the trained policy."""
     search: PolicySearchConfiguration = field(default_factory=PolicySearchConfiguration)
@@ -48,15 +55,10 @@ class Transfer:
         self.reward = reward
         self.configuration = configuration
         self.iteration = torch.zeros((), dtype=torch.int64)
+        self.anchor = None if configuration.fresh else policy.copy()
         if configuration.fresh:
-            task = environment.task
-            policy = GaussianPolicy(
-                task.observation_scale,
-                task.action_size,
-                hidden=configuration.search.hidden,
-                log_std=configuration.search.log_std,
-                seed=seed,
-            )
+            task, search = environment.task, configuration.search
+            policy = GaussianPolicy.for_task(task, hidden=search.hidden, log_std=search.log_std, seed=seed)
         else:
             policy = policy.copy()
         self.search = PolicySearch(environment, policy, configuration=configuration.search, seed=seed)
@@ -73,11 +75,18 @@ class Transfer:
         batch = self.search.sample(index)
         progress = index / max(settings.iterations - 1, 1)
         divergence = settings.divergence * (settings.divergence_final / settings.divergence) ** progress
-        metrics = self.search.improve(
-            batch, self.reward.value(batch.samples), divergence_limit=divergence, iteration=index
-        )
+        metrics = self.search.improve(batch, self._value(batch), divergence_limit=divergence, iteration=index)
         self.iteration.add_(1)
         return metrics | {"iteration": int(self.iteration)}
+
+    def _value(self, batch: Batch) -> torch.Tensor:
+        """What the policy is to maximise besides its entropy, (n·T,)."""
+        reward, weight = self.reward.value(batch.samples), self.configuration.anchor
+        if self.anchor is None or not weight:
+            return reward
+        mean = self.anchor.network.value(batch.steps)
+        trained = self.anchor.log_probability(mean, self.anchor.log_std, batch.actions)
+        return (reward + weight * trained) / (1.0 + weight)
 
     def state(self) -> dict[str, torch.Tensor]:
         """Everything that the rest of the run depends on, as live tensors (see `checkpoints`)."""
