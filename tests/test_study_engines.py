@@ -276,7 +276,7 @@ def test_ctrl_c_stops_cleanly_and_says_how_to_go_on(tmp_path: Path):
             time.sleep(0.02)
         refused = subprocess.run([*line, "--resume"], capture_output=True, text=True, timeout=120)
         assert refused.returncode == 2
-        assert "in use by another runner" in refused.stderr
+        assert "in use by another process" in refused.stderr
         runner.send_signal(signal.SIGINT)
         _, said = runner.communicate(timeout=60)
     assert runner.returncode == 130

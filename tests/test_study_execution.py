@@ -318,7 +318,7 @@ def test_a_second_runner_is_refused(toy: Toy, tmp_path: Path):
     ) as other:
         assert other.stdout is not None
         assert other.stdout.readline() == "ready\n"
-        with pytest.raises(FileError, match="in use by another runner"):
+        with pytest.raises(FileError, match="in use by another process"):
             do(tmp_path, resume=True)
         other.kill()
     assert do(tmp_path, resume=True).kept == 5

@@ -17,7 +17,6 @@ lines of ``metrics.jsonl`` beyond the last checkpoint are cut off when the run i
 
 from __future__ import annotations
 
-import fcntl
 import json
 import os
 from collections.abc import Mapping
@@ -28,6 +27,7 @@ import torch
 
 import vic_toolbox
 from vic_toolbox.errors import FileError
+from vic_toolbox.experiments.claimed_folder import ClaimedFolder
 from vic_toolbox.experiments.configuration import flatten
 from vic_toolbox.files import read_json, write_atomically, write_json
 from vic_toolbox.learning.checkpoints import load_tensors, save_tensors
@@ -35,7 +35,7 @@ from vic_toolbox.learning.checkpoints import load_tensors, save_tensors
 FORMAT = "vic-run/2"
 
 
-class RunFolder:
+class RunFolder(ClaimedFolder):
     """The folder of one run; make it with :meth:`create` (to run) or :meth:`open` (to read).
 
     Attributes
@@ -48,11 +48,13 @@ class RunFolder:
         The nested values of ``config.json``.
     """
 
+    marker = "config.json"
+    content = "run"
+
     def __init__(self, path: Path, kind: str, configuration: Mapping[str, Any]):
-        self.path = path
+        super().__init__(path)
         self.kind = kind
         self.configuration = configuration
-        self._lock: int | None = None
 
     @classmethod
     def create(
@@ -74,10 +76,8 @@ class RunFolder:
             version (the differing fields are named), is in use by another process, or cannot be written.
         """
         folder = cls(Path(path), kind, json.loads(json.dumps(configuration)))
-        folder._make()
-        folder._refuse_foreign_files()
+        folder.claim()
         try:
-            folder._acquire()
             if (folder.path / "config.json").exists():
                 folder._take_up(resume=resume)
             else:
@@ -110,18 +110,6 @@ class RunFolder:
     def complete(self) -> bool:
         """Whether the run ended with its report, which is its last file."""
         return (self.path / "report.html").exists()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
-    def close(self) -> None:
-        """Let other processes into the folder."""
-        if self._lock is not None:
-            os.close(self._lock)
-            self._lock = None
 
     # --- iterations ---------------------------------------------------------------------------------------
 
@@ -196,39 +184,8 @@ class RunFolder:
             "configuration": self.configuration,
         }
 
-    def _make(self) -> None:
-        try:
-            self.path.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise FileError(f"{self.path} cannot be made ({error}); choose another folder.") from error
-
-    def _acquire(self) -> None:
-        try:
-            self._lock = os.open(self.path / ".lock", os.O_RDWR | os.O_CREAT, 0o644)
-            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError as error:
-            raise FileError(
-                f"{self.path} is in use by another process; wait for it or choose another folder."
-            ) from error
-        except PermissionError as error:
-            raise FileError(f"{self.path} cannot be written ({error}); choose another folder.") from error
-        except OSError:
-            pass  # a file system without locks: two processes in one folder are then the user's care
-
-    def _refuse_foreign_files(self) -> None:
-        names = {entry.name for entry in self.path.iterdir()}
-        foreign = sorted(name for name in names if not name.startswith("."))
-        if foreign and "config.json" not in names:
-            raise FileError(
-                f"{self.path} is not empty ({', '.join(foreign[:3])}{', ...' if len(foreign) > 3 else ''}) "
-                "and holds no run; choose a new or empty folder."
-            )
-
     def _take_up(self, *, resume: bool) -> None:
-        if not resume:
-            raise FileError(
-                f"{self.path} holds a run already; take it up with --resume, or choose another folder."
-            )
+        self.check_resume(resume=resume)
         there, here = flatten(_read_identity(self.path)), flatten(self._identity())
         changes = [
             f"{name} ({there.get(name, 'nothing')!r} there, {here.get(name, 'nothing')!r} now)"

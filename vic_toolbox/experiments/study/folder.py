@@ -15,7 +15,6 @@ can be looked at while it runs.
 
 from __future__ import annotations
 
-import fcntl
 import json
 import os
 import secrets
@@ -27,6 +26,7 @@ from typing import Any, Self
 
 import vic_toolbox
 from vic_toolbox.errors import FileError, InputError
+from vic_toolbox.experiments.claimed_folder import ClaimedFolder
 from vic_toolbox.experiments.configuration import flatten
 from vic_toolbox.experiments.study.cell import Cell, digests
 from vic_toolbox.experiments.study.definition import Study, parse
@@ -65,7 +65,7 @@ class Failure:
     """Of each attempt."""
 
 
-class StudyFolder:
+class StudyFolder(ClaimedFolder):
     """The folder of a study; make it with :meth:`create` (to run) or :meth:`open` (to read).
 
     Attributes
@@ -80,12 +80,15 @@ class StudyFolder:
         Of the runner that holds the folder.
     """
 
+    marker = "study.json"
+    content = "study"
+    remedy = "wait for it (vic study status {path} shows how far it is) or choose another folder."
+
     def __init__(self, path: Path, definition: Study, version: str):
-        self.path = path
+        super().__init__(path)
         self.definition = definition
         self.version = version
         self.token = ""
-        self._lock: int | None = None
 
     @classmethod
     def create(cls, path: str | os.PathLike[str], definition: Study, *, resume: bool = False) -> Self:
@@ -102,9 +105,8 @@ class StudyFolder:
         """
         folder = cls(Path(path), definition, vic_toolbox.__version__)
         folder.plan  # noqa: B018  a definition that cannot be planned is refused before a folder is made
-        folder._make()
+        folder.claim()
         try:
-            folder._acquire()
             if (folder.path / "study.json").exists():
                 folder._take_up(resume=resume)
             write_json(folder.path / "study.json", folder._identity())
@@ -148,18 +150,6 @@ class StudyFolder:
     def digests(self) -> dict[str, str]:
         """Fingerprint of each cell."""
         return digests(self.cells)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
-    def close(self) -> None:
-        """Let other runners into the folder."""
-        if self._lock is not None:
-            os.close(self._lock)
-            self._lock = None
 
     def cell_path(self, name: str) -> Path:
         """Folder of a cell."""
@@ -209,38 +199,8 @@ class StudyFolder:
             "definition": self.definition.to_json(),
         }
 
-    def _make(self) -> None:
-        try:
-            self.path.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise FileError(f"{self.path} cannot be made ({error}); choose another folder.") from error
-        names = {entry.name for entry in self.path.iterdir()}
-        foreign = sorted(name for name in names if not name.startswith("."))
-        if foreign and "study.json" not in names:
-            raise FileError(
-                f"{self.path} is not empty ({', '.join(foreign[:3])}{', ...' if len(foreign) > 3 else ''}) "
-                "and holds no study; choose a new or empty folder."
-            )
-
-    def _acquire(self) -> None:
-        try:
-            self._lock = os.open(self.path / ".lock", os.O_RDWR | os.O_CREAT, 0o644)
-            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError as error:
-            raise FileError(
-                f"{self.path} is in use by another runner; wait for it (vic study status {self.path} shows how "
-                "far it is) or choose another folder."
-            ) from error
-        except PermissionError as error:
-            raise FileError(f"{self.path} cannot be written ({error}); choose another folder.") from error
-        except OSError:
-            pass  # a file system without locks: two runners in one folder are then the user's care
-
     def _take_up(self, *, resume: bool) -> None:
-        if not resume:
-            raise FileError(
-                f"{self.path} holds a study already; take it up with --resume, or choose another folder."
-            )
+        self.check_resume(resume=resume)
         identity = _read_identity(self.path)
         changed = [text for cell in self.cells if (text := self._change(cell))]
         if changed:

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import os
 import platform
-import time
 import traceback
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
 import vic_toolbox
 from vic_toolbox.errors import FileError, VicError
+from vic_toolbox.experiments.claimed_folder import Claim
 from vic_toolbox.experiments.loop import one_thread
 from vic_toolbox.experiments.study.cell import Cell
 from vic_toolbox.experiments.study.folder import CELL_FORMAT, TOKEN, Result, read_result, write_result
@@ -96,7 +95,11 @@ def _finish_elsewhere(job: Job, parcels: Mapping[str, bytes]) -> Outcome:
 
 def _finish(job: Job, study: Path) -> Result:
     folder = study / "cells" / job.cell.name
-    with _held(folder), one_thread():
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise FileError(f"{folder} cannot be made ({error}); free some space.") from error
+    with Claim(folder, patience=PATIENCE, remedy="end it and try again."), one_thread():
         return read_result(folder) or _do(job, folder, study)
 
 
@@ -129,33 +132,3 @@ def _processor() -> str:
             if line.startswith("model name"):
                 return line.partition(":")[2].strip()
     return platform.processor() or platform.machine()
-
-
-@contextlib.contextmanager
-def _held(folder: Path) -> Iterator[None]:
-    """Keep other processes out of a cell's folder; waits a while for one that is there."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        handle = os.open(folder / ".lock", os.O_RDWR | os.O_CREAT, 0o644)
-    except OSError as error:
-        raise FileError(f"{folder} cannot be written ({error}).") from error
-    try:
-        _wait_for(handle, folder)
-        yield
-    finally:
-        os.close(handle)
-
-
-def _wait_for(handle: int, folder: Path) -> None:
-    end = time.monotonic() + PATIENCE
-    while True:
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            if time.monotonic() > end:
-                raise FileError(f"{folder} is in use by another process; end it and try again.") from None
-            time.sleep(0.2)
-        except OSError:
-            return  # a file system without locks
-        else:
-            return
