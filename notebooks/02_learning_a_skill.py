@@ -495,7 +495,7 @@ def optimise(reward, scenario, *, fresh):
     """The policy found in the new place, and (iteration, gap [%]) on the way."""
     there = tasks.make("cup-on-plate", scenario=scenario)
     simulations = 4 if FAST else 10  # half the recipe's, to save time
-    iterations = 3 if FAST else 60 if fresh else 40
+    iterations = 3 if FAST else 120 if fresh else 40
     configuration = replace(
         settings.transfer,
         iterations=iterations,

@@ -590,7 +590,7 @@ untrained = RewardNetwork(task.observation_size, task.action_size, seed=SEED + 1
 def optimise(frozen, tilt, *, fresh=True):
     """(iteration, success of the mean policy) on the way."""
     there = tasks.make("peg-in-hole", scenario=f"tilt={tilt}")
-    simulations = 4 if FAST else 20  # half the recipe's, to save time
+    simulations = 4 if FAST else settings.transfer.search.environments
     search = replace(settings.transfer.search, environments=simulations)
     configuration = replace(settings.transfer, fresh=fresh, search=search)
     if fresh:  # it has farther to go

@@ -42,14 +42,13 @@ def headline(tables: Sequence[ResultTable]) -> str:
     for name in dict.fromkeys(row.name for table in tables for row in subjects(table)):
         rows = [(table, row) for table in tables for row in subjects(table) if row.name == name]
         against = [said for table, row in rows for said in standings(table, row).values()]
-        best = [not better_rivals(table, row, where) for table, row in rows for where in row.estimates]
+        beaten = [bool(better_rivals(table, row, where)) for table, row in rows for where in row.estimates]
         said = []
         if against:
             said.append(f"reaches the paper's number in {against.count('reached')} of {len(against)} cells")
-        if best:
-            said.append(
-                f"no other method is better in {sum(best)} of {len(best)}{'' if against else ' cells'}"
-            )
+        if beaten:
+            unit = "" if against else " cells"
+            said.append(f"another method is better in {sum(beaten)} of {len(beaten)}{unit}")
         if said:
             parts.append(f"{name}: {', '.join(said)}.")
     cells = [cell for table in tables for row in table.rows for cell in row.cells.values()]

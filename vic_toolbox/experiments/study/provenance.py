@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 
-from vic_toolbox.experiments.study.definition import Study, shipped
+from vic_toolbox.experiments.study.definition import Study, load, shipped
 from vic_toolbox.experiments.study.folder import Result
 
 
@@ -29,10 +29,9 @@ class Provenance:
     @classmethod
     def of(cls, study: Study, results: Mapping[str, Result]) -> Provenance:
         """Of a study with these results."""
-        file = f"studies/{study.name}.toml" if study.name in shipped() else f"{study.name}.toml"
         found = list(results.values())
         return cls(
-            command=f"vic study run {file} --out DIR",
+            command=_command(study),
             versions=tuple(dict.fromkeys(result.version for result in found)),
             machines=tuple(dict.fromkeys(result.machine for result in found)),
             cells=len(found),
@@ -49,3 +48,12 @@ class Provenance:
         return (
             f"vic_toolbox {version}; {machine}; {self.cells} cells, {spent} of one core; report of {self.day}"
         )
+
+
+def _command(study: Study) -> str:
+    """What makes the study, or a part of a shipped one that has other seeds than its file."""
+    if study.name not in shipped():
+        return f"vic study run {study.name}.toml --out DIR"
+    other = study.seeds != load(study.name).seeds
+    seeds = f" --seeds {' '.join(map(str, study.seeds))}" if other else ""
+    return f"vic study run studies/{study.name}.toml --out DIR{seeds}"
