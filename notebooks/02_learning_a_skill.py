@@ -541,8 +541,9 @@ plt.show()
 
 # %% [markdown]
 # **What to see.** Left, at T3: a policy of random weights, which has never seen a demonstration or a
-# score, comes within a per cent or two of the expert on the learned reward alone, and the trained one loses
-# most of its gap. Under the random reward nothing of the kind happens, it drifts. Right, on the other side:
+# score, ends level with the expert on the learned reward alone. The trained one loses a part of its gap: it is
+# *anchored*, that is, half of what it is optimised for is to stay what it is, which keeps it from following the
+# reward where that is wrong. Under the random reward nothing of the kind happens. Right, on the other side:
 # the learned reward makes things *worse*. It is wrong there (section 5), and an optimiser finds what is
 # wrong: the fresh policy begins with gains in the middle of the range, and ends as soft as the reward
 # wants it.

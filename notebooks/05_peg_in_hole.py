@@ -642,16 +642,17 @@ plt.show()
 # %% [markdown]
 # **What to see.** Left, at three times the demonstrated tilt: under the learned reward a policy that has
 # never seen a demonstration, nor a success, learns to insert the peg in every trial; under the random one
-# it does not. The reward carries the skill.
+# it comes past a success by chance and leaves it again. The reward carries the skill.
 #
-# Right, **what falls short**: at +2° the reward was never taught. It helps the trained policy here, which
-# is nearly there; a fresh one gets less out of it, and with other seeds either may fail. On that side the
-# frozen reward is *not reliable*, and what would help is not a better optimiser but demonstrations that
-# lean to both sides.
+# Right, at +2°, where the reward was never taught: it takes the trained policy to the end, and a fresh one
+# most of the way. **What falls short:** with other seeds a fresh policy may fail there. What would help is not
+# a better optimiser but demonstrations that lean to both sides. (How far ahead the optimiser looks matters
+# too: with the short horizon that imitates best, a tenth of a second, the trained policy would *lose* at +2°
+# what it has. Each step looks good by itself, and the peg lands a quarter of a second later.)
 #
 # **One seed is an anecdote**, and this one is a development seed with a shortened recipe. The table over
-# several seeds, with all methods, history, force actions, scales and controls, is the page *Peg-in-Hole:
-# what transfers* of the documentation.
+# several seeds, with all methods, history, force actions, scales and controls, is among the *results* of the
+# documentation.
 #
 # ## Where to go from here
 #
