@@ -74,7 +74,8 @@ def committed():
 
 cells = results_json.read_cells(committed())
 study = definition.load("paper")  # what was run: tasks, methods, seeds, budgets
-print(len(cells), "cells;", len(study.seeds), "seeds:", *study.seeds)
+done = max(cell["seeds"] for cell in cells)
+print(f"{len(cells)} cells; {done} of the {len(study.seeds)} seeds {study.seeds}")
 cells[0]
 
 # %%

@@ -422,10 +422,11 @@ def test_the_documentation_has_every_key():
 
 
 def test_the_committed_results_can_be_read():
-    """Once they are there: every cell of the paper's tables has all its seeds."""
+    """Once they are there: every cell of the paper's tables has a mean, of as many seeds as all others."""
     path = Path(__file__).parents[1] / "docs" / "results" / "paper.json"
     if not path.exists():
         pytest.skip("no results are committed yet")
     cells = results_json.read_cells(path)
     paper = [cell for cell in cells if cell["paper"] is not None]
-    assert all(cell["mean"] is not None and cell["seeds"] in (1, 5) for cell in paper)
+    assert all(cell["mean"] is not None for cell in paper)
+    assert len({cell["seeds"] for cell in paper if cell["method"] != "Constant gain"}) == 1

@@ -262,7 +262,7 @@ def write_result(path: Path, result: Result) -> None:
             "format": CELL_FORMAT,
             "version": result.version,
             "machine": result.machine,
-            "seconds": round(result.seconds, 2),
+            "seconds": float(f"{result.seconds:.4g}"),
             "cell": result.cell.to_json(),
             "values": result.values,
         },
