@@ -174,7 +174,7 @@ def test_a_killed_process_does_not_change_the_study(unbroken: Path, tmp_path: Pa
 def cluster() -> Iterator[None]:
     """A real Ray cluster of two workers."""
     ray = pytest.importorskip("ray", reason="ray is not installed: pip install 'vic-toolbox[cluster]'")
-    ray.init(num_cpus=2, include_dashboard=False, log_to_driver=False)
+    ray.init(address="local", num_cpus=2, include_dashboard=False, log_to_driver=False)
     try:
         yield
     finally:
