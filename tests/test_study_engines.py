@@ -8,6 +8,7 @@ import json
 import os
 import random
 import signal
+import socket
 import subprocess
 import sys
 import threading
@@ -199,8 +200,10 @@ def test_a_cluster_with_a_killed_worker_has_the_same_table(unbroken: Path, tmp_p
 @pytest.mark.slow
 def test_a_cluster_that_is_not_there_is_an_error():
     pytest.importorskip("ray", reason="ray is not installed: pip install 'vic-toolbox[cluster]'")
-    with pytest.raises(InputError, match="no Ray cluster at 'auto'.*ray start --head"):
-        RayEngine("auto")
+    with socket.create_server(("127.0.0.1", 0)) as free:  # closed again, nothing listens there
+        address = f"127.0.0.1:{free.getsockname()[1]}"
+    with pytest.raises(InputError, match=f"no Ray cluster at '{address}'.*ray start --head"):
+        RayEngine(address)
 
 
 @pytest.mark.slow

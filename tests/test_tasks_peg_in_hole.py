@@ -186,7 +186,7 @@ def test_each_simulation_may_have_its_own_tilt_but_not_its_own_hole() -> None:
 @given(row=observations, scale=st.sampled_from([0.3, 1.0]))
 def test_the_tip_is_where_the_pose_puts_it(row: np.ndarray, scale: float) -> None:
     task = PegInHole(scenario=PegScenario(scale=scale))
-    qpos = np.append(row[:3] + task.goal, rotation_to_quat_wxyz(rotation_exp(row[3:6])))
+    qpos = np.append(scale * row[:3] + task.goal, rotation_to_quat_wxyz(rotation_exp(row[3:6])))
     top, com, tip = task.skeleton(qpos)
     np.testing.assert_allclose(task.tip_position(row), tip, atol=1e-15)
     np.testing.assert_array_equal(com, qpos[:3])
@@ -204,8 +204,8 @@ def test_reward_is_minus_the_depth_to_go_while_the_tip_is_aligned(
 ) -> None:
     task = PegInHole(scenario=PegScenario(scale=scale), history=2)
     history = np.concatenate([np.full(12, 9.0), row])
-    wanted = beside * scale * peg_scene.CHAMFER * np.array([0.6, -0.8])
-    history[12:14] += wanted - task.tip_position(history)[:2]
+    wanted = beside * peg_scene.CHAMFER * np.array([0.6, -0.8])
+    history[12:14] += wanted - task.tip_position(history)[:2] / scale
     depth = abs(task.tip_position(history)[2] / scale + peg_scene.GOAL_DEPTH)
     expected = -depth if beside < 1.0 else -0.05
     assert task.reward(history) == pytest.approx(expected, abs=1e-12)
@@ -220,11 +220,9 @@ def test_the_best_reward_is_that_of_the_goal() -> None:
         PegInHole().reward(np.full(12, np.nan))
 
 
-@pytest.mark.parametrize("scale", [0.3, 1.0])
-def test_success_is_the_right_height_at_the_end(scale: float) -> None:
-    task = PegInHole(scenario=PegScenario(scale=scale))
-    rows = np.zeros((4, 12))
-    rows[:, 2] = scale * np.array([0.99e-3, -0.99e-3, 1.01e-3, -1.01e-3])
+def test_success_is_the_right_height_at_the_end() -> None:
+    task, rows = PegInHole(), np.zeros((4, 12))
+    rows[:, 2] = [0.99e-3, -0.99e-3, 1.01e-3, -1.01e-3]
     rows[0, [0, 5]] = 0.1  # nothing else counts
     np.testing.assert_array_equal(task.success(rows), [True, True, False, False])
 
@@ -240,6 +238,38 @@ def test_outcome_reports_the_end_of_an_episode() -> None:
     simulation = task.simulation(3)
     simulation.stopped[1] = True  # a peg that had to be halted has not been inserted
     np.testing.assert_array_equal(task.outcome(simulation, path[-1])["success"], [True, False, True])
+
+
+@pytest.mark.parametrize("scale", [0.3, 1.0, 2.0])
+def test_lengths_are_seen_in_units_of_the_part(scale: float) -> None:
+    task = PegInHole(scenario=PegScenario(scale=scale), history=2)
+    environment = tasks.VectorEnvironment(task, 3)
+    environment.reset(seed=1)
+    for _ in range(30):
+        seen, *_ = environment.step(np.zeros((3, 6)))
+    unit = np.repeat([scale, 1.0, scale, 1.0], 3)
+    np.testing.assert_array_equal(seen[:, 12:], environment.simulation.observe() / unit)
+    com = task.goal + unit[:3] * seen[:, 12:15]
+    np.testing.assert_allclose(com, environment.simulation.qpos[:, :3], atol=1e-15)
+
+
+def test_similar_parts_look_alike_and_are_judged_alike() -> None:
+    starts = []
+    for scale in (0.3, 1.0):
+        environment = tasks.VectorEnvironment(PegInHole(scenario=PegScenario(scale=scale)), 20)
+        starts.append(environment.reset(seed=4)[0])
+        assert environment.task.observation_unit[0] == scale
+    np.testing.assert_allclose(*starts, atol=1e-12)
+    small, whole = PegInHole(scenario="scale=0.3"), PegInHole()
+    for judge in ("reward", "strata", "success"):
+        np.testing.assert_array_equal(*(getattr(task, judge)(starts[1]) for task in (small, whole)))
+
+
+@given(row=observations, scale=st.floats(0.2, 3.0))
+def test_the_expert_of_a_scaled_part_acts_on_its_own_lengths(row: np.ndarray, scale: float) -> None:
+    task = PegInHole(scenario=PegScenario(scale=scale))
+    parameters = GAINS.action_to_parameters(task.expert_action(row))
+    np.testing.assert_allclose(parameters, task.expert.parameters(row * task.observation_unit), rtol=1e-9)
 
 
 @given(rows=arrays(np.float64, (20, 12), elements=st.floats(-0.2, 0.2)), grow=st.floats(1.0, 4.0))
@@ -301,6 +331,20 @@ def test_force_and_gain_actions_put_the_same_wrench_on_the_peg() -> None:
         applied = simulation.batch.bind("qfrc_actuator")
         task.act(simulation, task.expert_action(simulation.observe()))
         simulation.step(1)
+        wrenches.append(applied.copy())
+    np.testing.assert_allclose(*wrenches, atol=1e-12)
+
+
+@pytest.mark.parametrize("scale", [0.3, 1.0])
+def test_force_and_gain_actions_agree_on_scaled_parts(scale: float) -> None:
+    scenario, wrenches = PegScenario(scale=scale, tilt=-6.0), []
+    for action in ("gain", "force"):
+        task = PegInHole(action=action, scenario=scenario)
+        environment = tasks.VectorEnvironment(task, 5)
+        observed, _ = environment.reset(seed=2)
+        applied = environment.simulation.batch.bind("qfrc_actuator")
+        task.act(environment.simulation, task.expert_action(observed))
+        environment.simulation.step(1)
         wrenches.append(applied.copy())
     np.testing.assert_allclose(*wrenches, atol=1e-12)
 

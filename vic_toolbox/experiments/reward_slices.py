@@ -36,7 +36,8 @@ def reward_slice(
     name : str
         Look of the policy.
     """
-    states = expert.observations[_evenly_spaced(expert.distance)]
+    shown = _evenly_spaced(expert.distance)
+    states = expert.observations[shown]
     own, wanted = np.clip(policy.mean(states), task.action_low, task.action_high), task.expert_action(states)
     line = knob(task)
     direction = wanted if line.direction is None else np.broadcast_to(line.direction, wanted.shape)
@@ -44,7 +45,7 @@ def reward_slice(
     return RewardSlice(
         name=line.title,
         value=line.unit(task, grid),
-        distance=np.linalg.norm(states[:, -12:-9], axis=1),
+        distance=expert.distance[shown],
         reward=_values(reward, policy, states, grid[:, None] * direction[:, None]),
         chosen={
             look: line.unit(task, _place(actions, direction))

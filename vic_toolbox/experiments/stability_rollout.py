@@ -83,15 +83,21 @@ def _rotation(quat_wxyz: Array) -> Array:
     return found.reshape(-1, 3, 3)
 
 
+def action_policy(skill: Skill, task: Task) -> Callable[[Array], Array]:
+    """The policy's mean action as a function of (e, ė) in SI units, which a scaled part does not observe in."""
+    unit = np.tile(task.observation_unit, task.history)
+    return lambda observations: skill.policy.mean(np.asarray(observations) / unit)
+
+
 def wrench_policy(skill: Skill, task: Task) -> tuple[Callable[[Array], Array], Array]:
     """A force policy as the feedback wrench that it sets, and the damping (6, 6) that the law keeps beside it."""
-    simulation = task.simulation(1)
+    act, simulation = action_policy(skill, task), task.simulation(1)
     task.start(simulation, [task.scenario], noise=0.0, rng=np.random.default_rng(0))
     task.act(simulation, np.ones((1, task.action_size)))
     unit, damping = simulation.wrench[0].copy(), np.diag(simulation.damping[0])
 
     def wrench(observations: Array) -> Array:
-        actions = np.asarray(skill.policy.mean(np.asarray(observations)), dtype=np.float64)
+        actions = act(observations).astype(np.float64)
         return np.clip(actions, task.action_low, task.action_high) * unit
 
     return wrench, damping

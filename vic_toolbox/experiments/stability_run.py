@@ -11,7 +11,7 @@ from vic_toolbox import stability
 from vic_toolbox.errors import InputError
 from vic_toolbox.experiments.progress import Progress
 from vic_toolbox.experiments.skill import Skill, load_skill
-from vic_toolbox.experiments.stability_rollout import Moved, moved, roll_out, wrench_policy
+from vic_toolbox.experiments.stability_rollout import Moved, action_policy, moved, roll_out, wrench_policy
 from vic_toolbox.experiments.stability_settings import StabilitySettings
 from vic_toolbox.experiments.stability_study import Study, filter_note, replays
 from vic_toolbox.experiments.trace import Trace
@@ -85,14 +85,15 @@ def _of_trace(
 def _of_policy(
     skill: Skill, task: Task, traces: list[Trace], mass: Moved, settings: StabilitySettings, period: float
 ) -> Analysis:
+    unit = np.tile(task.observation_unit, task.history)
     seen: dict[str, Any] = {
-        "rollout": np.concatenate([trace.observations for trace in traces]),
+        "rollout": np.concatenate([trace.observations for trace in traces]) * unit,
         "history": task.history,
         "seed": settings.seed,
     }
-    policy: Any = skill.policy
     if task.action == "gain":
         seen["parametrisation"] = task.gains
+        policy = action_policy(skill, task)
     else:
         policy, damping = wrench_policy(skill, task)
         seen |= {"output": "wrench", "damping": damping}

@@ -105,7 +105,7 @@ def record_trace(
         seen, joints = observation[0], simulation.qpos[0].copy()
         observation, _, _, _, info = environment.step(act(observation))
         stiffness, damping = simulation.stiffness[0].copy(), simulation.damping[0].copy()
-        error, rate = seen[-12:-6], seen[-6:]
+        error, rate = np.split(seen[-12:] * task.observation_unit, 2)
         feedback = simulation.wrench[0] - stiffness * error - damping * rate
         contact = simulation.contact_force[0]
         row = (error, rate, stiffness, damping, feedback, contact, joints, seen)

@@ -130,6 +130,8 @@ class CupOnPlate:
     horizon, dt, substeps : int, float, int
         Policy steps of an episode, period of the policy [s], physics steps in a policy step.
     observation_size, action_size : int
+    observation_unit : ndarray, shape (12,)
+        What 1 stands for in an observation [m, rad, m/s, rad/s]: ones.
     observation_scale : ndarray, shape (observation_size,)
     action_low, action_high : ndarray, shape (action_size,)
     expert : ThreePhaseExpert
@@ -170,6 +172,7 @@ class CupOnPlate:
         self.scenario = as_scenario(scenario)
         self.substeps = integer("substeps", type(self).substeps if substeps is None else substeps, low=1)
         self.observation_size = 12 * self.history
+        self.observation_unit = np.ones(12)
         self.observation_scale = np.tile(OBSERVATION_SCALE, self.history)
         self.action_size, bound = (GAINS.size, 1.0) if action == "gain" else (6, LARGEST_FORCE_ACTION)
         self.action_high = np.full(self.action_size, bound)

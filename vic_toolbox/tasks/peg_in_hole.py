@@ -2,10 +2,12 @@ r"""Peg-in-Hole: a tilted round peg, held by a compliant hand, has to find its w
 
 The peg has 25.37 mm, the hole 25.40 mm; the end-effector is the peg's centre of mass, 60 mm above the tip. The
 policy runs at 50 Hz for 4 s, law and physics at 1 kHz. The observation is :math:`(e, \dot e)`, 12 numbers, or
-the last few of them. There are two action spaces:
+the last few of them, with lengths in units of the part's scale: half a millimetre off is to a part of half the size
+what a millimetre is to the whole one (docs/reproduction.md). There are two action spaces:
 
 - ``gain`` (6), in [-1, 1]: the six stiffnesses at the centre of mass, between :data:`GAINS`' bounds;
-- ``force`` (6), in [-30, 30]: the wrench itself, in units of :data:`WRENCH_UNIT`.
+- ``force`` (6), in [-30, 30]: the wrench itself, in units of :data:`WRENCH_UNIT`, its forces times the scale, as
+  the forces of a stiffness are.
 
 In both the law adds the same fixed damping at its own rate.
 
@@ -79,14 +81,14 @@ CONSTANTS: Mapping[str, Array] = MappingProxyType({
 """
 
 WRENCH_UNIT = np.array([0.25, 0.25, 2.5, 0.05, 0.05, 0.05])
-"""Wrench that a force action of 1 stands for [N, Nm]: about the root mean square of the expert's."""
+"""Wrench that a force action of 1 stands for [N, Nm] at scale 1: about the root mean square of the expert's."""
 LARGEST_FORCE_ACTION = 30.0
 
 OBSERVATION_SCALE = np.array([1.5e-3, 1.5e-3, 1e-2, *[0.035] * 3, *[0.01] * 2, 0.015, *[0.1] * 3])
-"""Typical size of e and ė [m, rad, m/s, rad/s]."""
+"""Typical size of e and ė [m, rad, m/s, rad/s] at scale 1."""
 
 SUCCESS = 1e-3
-"""Distance to the goal depth at the end that counts as inserted [m]; scales with the part."""
+"""Distance to the goal depth at the end that counts as inserted [m] at scale 1."""
 
 TILT_NOISE, TIP_NOISE, GAP, GAP_NOISE = math.radians(0.2), 0.3e-3, 2e-3, 1e-3
 """Usual variation of the start: tilt [rad], tip off the axis [m]; mean gap above the mouth [m] and its variation."""
@@ -135,7 +137,11 @@ class PegInHole:
     horizon, dt, substeps : int, float, int
         Policy steps of an episode, period of the policy [s], physics steps in a policy step.
     observation_size, action_size : int
+    observation_unit : ndarray, shape (12,)
+        What 1 stands for in an observation [m, rad, m/s, rad/s]: the scale for lengths and speeds, else 1.
     observation_scale : ndarray, shape (observation_size,)
+    wrench_unit : ndarray, shape (6,)
+        What a force action of 1 stands for [N, Nm].
     action_low, action_high : ndarray, shape (action_size,)
     expert : TipStiffnessExpert
         Its gains, in SI units.
@@ -180,6 +186,8 @@ class PegInHole:
         self.action_high = np.full(6, 1.0 if action == "gain" else LARGEST_FORCE_ACTION)
         self.action_low = -self.action_high
         scale = self.scenario.scale
+        self.observation_unit = np.repeat([scale, 1.0, scale, 1.0], 3)
+        self.wrench_unit = WRENCH_UNIT * self.observation_unit[:6]
         self.tip = (0.0, 0.0, -scale * TIP_DISTANCE)
         self.goal = np.array([0.0, 0.0, scale * (TIP_DISTANCE - GOAL_DEPTH)])
         self.expert = TipStiffnessExpert(parametrisation=GAINS, offset=self.tip, tip_stiffness=TIP_STIFFNESS)
@@ -241,7 +249,7 @@ class PegInHole:
         if self.action == "gain":
             simulation.set_stiffness(self._middle + self._half * clipped)
         else:
-            np.multiply(clipped, WRENCH_UNIT, out=simulation.wrench)
+            np.multiply(clipped, self.wrench_unit, out=simulation.wrench)
 
     def picture_spec(self) -> mujoco.MjSpec:
         """The scene with everything that the eye wants, for :mod:`vic_toolbox.tasks.rendering`."""
@@ -257,8 +265,8 @@ class PegInHole:
 
     def tip_position(self, observations: ArrayLike) -> Array:
         """Where the tip is, (..., 3) [m], from the observations (..., 12 h)."""
-        last = _newest(observations)
-        return last[..., :3] + self.goal + rotation_exp(last[..., 3:6]) @ np.array(self.tip)
+        error = self._error(observations)
+        return error[..., :3] + self.goal + rotation_exp(error[..., 3:6]) @ np.array(self.tip)
 
     def reward(self, observations: ArrayLike) -> Array:
         """Reward of a policy step that begins at the observations (..., 12 h), shape (...).
@@ -268,7 +276,7 @@ class PegInHole:
         """
         last = finite_array("observations", _newest(observations), shape=(..., 12))
         rows = np.ascontiguousarray(last.reshape(-1, 12))
-        return _reward(rows, self.scenario.scale).reshape(last.shape[:-1])
+        return _reward(rows).reshape(last.shape[:-1])
 
     def score(self, observations: ArrayLike) -> Array:
         """Sum of the rewards of T steps, (...), from the observations (T, ..., 12 h) at which they begin."""
@@ -276,13 +284,13 @@ class PegInHole:
 
     def success(self, observations: ArrayLike) -> np.ndarray:
         """Whether the peg is in: its height less than 1 mm (at scale 1) off the goal, shape (...)."""
-        return np.abs(_newest(observations)[..., 2]) < SUCCESS * self.scenario.scale
+        return np.abs(_newest(observations)[..., 2]) < SUCCESS
 
     def outcome(self, simulation: PegSimulation, observations: Array) -> dict[str, np.ndarray]:
         """End of an episode, (n,) each: ``success``, ``stopped``, ``distance`` [m] and ``peak_force`` [N]."""
         return {
             "success": self.success(observations) & ~simulation.stopped,
-            "distance": np.linalg.norm(_newest(observations)[..., :3], axis=-1),
+            "distance": np.linalg.norm(self._error(observations)[..., :3], axis=-1),
             "peak_force": simulation.peak_force.copy(),
             "stopped": simulation.stopped.copy(),
         }
@@ -295,14 +303,14 @@ class PegInHole:
         that is in, where an episode spends most of its time, is one of six parts of the way.
         """
         last = _newest(observations)
-        lateral = np.linalg.norm(last[..., :2], axis=-1) / -self.tip[2]
+        lateral = np.linalg.norm(last[..., :2], axis=-1) / TIP_DISTANCE
         misalignment = np.maximum(np.linalg.norm(last[..., 3:5], axis=-1), lateral)
         octave = np.log2(np.maximum(misalignment / SMALLEST_MISALIGNMENT, 1.0))
         return np.minimum(octave, 5.0).astype(np.int64)
 
     def expert_action(self, observations: ArrayLike) -> Array:
         """Action of the tip-stiffness expert, (..., 6), for observations (..., 12 h)."""
-        return self.gains_to_action(self.expert.parameters(observations), observations)
+        return self.gains_to_action(self.expert.parameters(self._error(observations)), observations)
 
     def constant_action(self, observations: ArrayLike | None = None, *, which: str = "constant") -> Array:
         """Action of one of the constant gains of :data:`CONSTANTS`.
@@ -326,43 +334,47 @@ class PegInHole:
         """
         if self.action == "gain":
             return GAINS.parameters_to_action(parameters)
-        wrench = -parameters * _newest(observations)[..., :6]
-        return np.clip(wrench / WRENCH_UNIT, self.action_low, self.action_high)
+        return self._force_action(-parameters * self._error(observations)[..., :6])
 
     def wrench_to_action(self, wrench: Array, observations: ArrayLike) -> Array:
         """Force action with which the law gives the whole feedback wrench (..., 6) [N, Nm] at the observations.
 
         The law adds the damping itself.
         """
-        own = wrench + np.array(DAMPING) * _newest(observations)[..., 6:]
-        return np.clip(own / WRENCH_UNIT, self.action_low, self.action_high)
+        return self._force_action(wrench + np.array(DAMPING) * self._error(observations)[..., 6:])
+
+    def _error(self, observations: ArrayLike) -> Array:
+        """The newest (e, ė), (..., 12), in SI units."""
+        return _newest(observations) * self.observation_unit
+
+    def _force_action(self, wrench: Array) -> Array:
+        return np.clip(wrench / self.wrench_unit, self.action_low, self.action_high)
 
 
 def _newest(observations: ArrayLike) -> Array:
-    """The last (e, ė) of each row, (..., 12)."""
+    """The last (e, ė) of each row, (..., 12), in units of the part."""
     return np.asarray(observations, dtype=np.float64)[..., -12:]
 
 
 @njit(cache=True, error_model="numpy")
-def _reward(rows, scale):  # type: ignore[no-untyped-def]
-    """Rewards (n,) at (e, ė) (n, 12); compiled, because it runs in every policy step.
+def _reward(rows):  # type: ignore[no-untyped-def]
+    """Rewards (n,) at (e, ė) (n, 12) of scale 1; compiled, because it runs in every policy step.
 
     The tip is at e_pos + goal − ℓ R e_z, and by Rodrigues' formula, with θ = ‖e_rot‖ and (x, y, z) = e_rot,
     R e_z = e_z + sin θ/θ (y, −x, 0) + (1 − cos θ)/θ² (x z, y z, −x² − y²).
     """
     rewards = np.empty(rows.shape[0])
-    length = scale * TIP_DISTANCE
     for i in range(rows.shape[0]):
         x, y, z = rows[i, 3], rows[i, 4], rows[i, 5]
         half = 0.5 * math.sqrt(x * x + y * y + z * z)
         sinc = math.sin(half) / half if half > 0.0 else 1.0
         first, second = sinc * math.cos(half), 0.5 * sinc * sinc
         lateral = math.hypot(
-            rows[i, 0] - length * (first * y + second * x * z),
-            rows[i, 1] - length * (second * y * z - first * x),
+            rows[i, 0] - TIP_DISTANCE * (first * y + second * x * z),
+            rows[i, 1] - TIP_DISTANCE * (second * y * z - first * x),
         )
-        height = rows[i, 2] + length * second * (x * x + y * y)  # of the tip above the goal depth
-        rewards[i] = -abs(height) / scale if lateral <= scale * CHAMFER else -PENALTY
+        height = rows[i, 2] + TIP_DISTANCE * second * (x * x + y * y)  # of the tip above the goal depth
+        rewards[i] = -abs(height) if lateral <= CHAMFER else -PENALTY
     return rewards
 
 

@@ -80,6 +80,7 @@ def label(
             f"{task.name} observes {task.observation_size} numbers and a recording gives (e, de/dt) of the last "
             f"{task.history} steps, {seen.shape[-1]}; recordings cannot stand for this task."
         )
+    seen /= np.tile(task.observation_unit, task.history)
     scores = task.score(np.ascontiguousarray(seen[:, :-1].swapaxes(0, 1)))
     if estimate is None:
         wrenches = np.stack([-_at(log.wrench, log, t[:-1]) for log, t in zip(logs, times, strict=True)])

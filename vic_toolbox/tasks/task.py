@@ -56,6 +56,7 @@ class Task(Protocol):
     dt: float  # period of the policy [s]
     observation_size: int
     action_size: int
+    observation_unit: np.ndarray  # (n,) what a 1 in each of the n numbers of one observation stands for [SI]
     observation_scale: np.ndarray  # (observation_size,) typical size of each entry
     action_low: np.ndarray
     action_high: np.ndarray

@@ -94,7 +94,7 @@ class VectorEnvironment(VectorEnv):
         self.task.start(self.simulation, scenarios, noise=noise, rng=self.np_random)
         self._elapsed = 0
         self._score[:] = 0.0
-        self._observation = np.tile(self.simulation.observe(), self.task.history)
+        self._observation = np.tile(self._newest(), self.task.history)
         return self._observation.copy(), {}
 
     def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict]:
@@ -121,7 +121,7 @@ class VectorEnvironment(VectorEnv):
         reward = self.task.reward(self._observation)
         self.task.act(self.simulation, actions)
         self.simulation.step(self.task.substeps)
-        newest = self.simulation.observe()
+        newest = self._newest()
         if self.task.history > 1:
             newest = np.concatenate([self._observation[:, newest.shape[1] :], newest], axis=1)
         self._observation = newest
@@ -152,6 +152,11 @@ class VectorEnvironment(VectorEnv):
         if self._renderer is not None:
             self._renderer.close()
             self._renderer = None
+
+    def _newest(self) -> np.ndarray:
+        """What the simulations show now, in the task's units."""
+        seen = self.simulation.observe()
+        return np.divide(seen, self.task.observation_unit, out=seen)
 
     def _episode_info(self) -> dict[str, np.ndarray]:
         assert self._observation is not None

@@ -11,6 +11,7 @@ import logging
 import os
 import re
 import signal
+import socket
 import threading
 import time
 from collections.abc import Callable, Generator, Iterator
@@ -35,6 +36,7 @@ ONE_THREAD = dict.fromkeys(
 )
 """Environment of a worker: processes fill the cores, and threads inside each of them would only get in the way."""
 
+_KNOCK = 5.0  # seconds for the head of a cluster to answer
 _GRACE = 15.0  # seconds that workers have to save their work once they are asked to stop
 _WATCH = 0.5  # seconds between two looks at whether the runner is still there
 
@@ -203,15 +205,13 @@ class RayEngine:
         import ray
 
         self._ray: Any = ray
+        if address != "auto":
+            _reach(address)
         if not ray.is_initialized():
             try:
                 ray.init(address=address, log_to_driver=False, logging_level=logging.ERROR)
             except (ConnectionError, ValueError, RuntimeError) as error:
-                raise InputError(
-                    f"no Ray cluster at {address!r} ({_first_line(error)}); start one with: ray start --head, and "
-                    "pass --cluster auto on that machine or --cluster HOST:PORT. (One that asks for a token needs "
-                    "RAY_AUTH_MODE=token, and its ~/.ray/auth_token on this machine.)"
-                ) from error
+                raise _no_cluster(address, error) from error
         processors = int(ray.cluster_resources().get("CPU", 0))
         self.slots = integer("jobs", slots, low=0) or processors
         if processors < 1:
@@ -265,6 +265,23 @@ def _exit_code(error: BaseException) -> str:
     """What loky says about the end of a worker, e.g. "SIGKILL(-9)"."""
     found = re.search(r"\{(.*?)\}", str(error))
     return found[1] if found else type(error).__name__
+
+
+def _reach(address: str) -> None:
+    """Knock at HOST:PORT: Ray itself would wait for minutes at an address where nothing listens."""
+    host, _, port = address.rpartition(":")
+    try:
+        socket.create_connection((host, int(port)), timeout=_KNOCK).close()
+    except (OSError, ValueError, OverflowError) as error:
+        raise _no_cluster(address, error) from error
+
+
+def _no_cluster(address: str, error: Exception) -> InputError:
+    return InputError(
+        f"no Ray cluster at {address!r} ({_first_line(error)}); start one with: ray start --head, and pass --cluster "
+        "auto on that machine or --cluster HOST:PORT. (One that asks for a token needs RAY_AUTH_MODE=token, and its "
+        "~/.ray/auth_token on this machine.)"
+    )
 
 
 def _first_line(error: object) -> str:
