@@ -29,6 +29,7 @@ from vic_toolbox.experiments.results import read_evaluation, write_evaluation
 from vic_toolbox.experiments.reward_slices import reward_slice
 from vic_toolbox.experiments.run_folder import RunFolder
 from vic_toolbox.experiments.skill import Skill, load_skill
+from vic_toolbox.experiments.stability_rollout import action_policy
 from vic_toolbox.experiments.start_sweep import StartGrid, sweep_runs, sweep_starts
 from vic_toolbox.experiments.trace import record_trace
 from vic_toolbox.learning import GaussianPolicy, RewardNetwork
@@ -145,6 +146,16 @@ def test_a_force_trace_has_a_wrench_and_no_stiffness():
     assert np.isnan(trace.damping_factor).all()
     gain = record_trace(CupOnPlate(), CupOnPlate().expert_action)
     assert np.abs(trace.feedback[0, :3] - gain.feedback[0, :3]).max() < 1e-9
+
+
+def test_a_trace_of_a_scaled_part_is_in_si_units_whatever_is_seen():
+    skill = load_skill(finished("airl", "peg-in-hole"))
+    task = skill.task("scale=0.5")
+    trace = record_trace(task, skill.policy.mean)
+    np.testing.assert_array_equal(trace.error[:, :3], 0.5 * trace.observations[:, :3])
+    np.testing.assert_allclose(trace.path, trace.joints[:, :3], atol=1e-15)
+    motion = np.hstack([trace.error, trace.rate])
+    np.testing.assert_array_equal(action_policy(skill, task)(motion), skill.policy.mean(trace.observations))
 
 
 def test_with_history_the_trace_still_reads_the_newest_observation():
