@@ -22,10 +22,16 @@ require("learn", "gymnasium", "mujoco")
 import gymnasium
 
 if TYPE_CHECKING:
-    from vic_toolbox.tasks.cup_on_plate import CupOnPlate, CupOnPlateEnv, CupOnPlateVectorEnv
+    from vic_toolbox.tasks.cup_on_plate import CupOnPlate
     from vic_toolbox.tasks.demonstrations import Demonstrations, record
     from vic_toolbox.tasks.environment import Environment
-    from vic_toolbox.tasks.peg_in_hole import PegInHole, PegInHoleEnv, PegInHoleVectorEnv, PegScenario
+    from vic_toolbox.tasks.gymnasium_environments import (
+        CupOnPlateEnv,
+        CupOnPlateVectorEnv,
+        PegInHoleEnv,
+        PegInHoleVectorEnv,
+    )
+    from vic_toolbox.tasks.peg_in_hole import PegInHole, PegScenario
     from vic_toolbox.tasks.starts import Scenario
     from vic_toolbox.tasks.task import Task
     from vic_toolbox.tasks.vector_environment import VectorEnvironment
@@ -35,13 +41,13 @@ TASKS = MappingProxyType({"cup-on-plate": "CupOnPlate", "peg-in-hole": "PegInHol
 
 _HOME = {
     "CupOnPlate": "cup_on_plate",
-    "CupOnPlateEnv": "cup_on_plate",
-    "CupOnPlateVectorEnv": "cup_on_plate",
+    "CupOnPlateEnv": "gymnasium_environments",
+    "CupOnPlateVectorEnv": "gymnasium_environments",
     "Demonstrations": "demonstrations",
     "Environment": "environment",
     "PegInHole": "peg_in_hole",
-    "PegInHoleEnv": "peg_in_hole",
-    "PegInHoleVectorEnv": "peg_in_hole",
+    "PegInHoleEnv": "gymnasium_environments",
+    "PegInHoleVectorEnv": "gymnasium_environments",
     "PegScenario": "peg_scene",
     "Scenario": "starts",
     "Task": "task",
@@ -121,6 +127,6 @@ if os.environ.get("MUJOCO_GL"):
 for _class in TASKS.values():
     gymnasium.register(
         id=f"vic/{_class}-v0",
-        entry_point=f"vic_toolbox.tasks.{_HOME[_class]}:{_class}Env",
-        vector_entry_point=f"vic_toolbox.tasks.{_HOME[_class]}:{_class}VectorEnv",
+        entry_point=f"{__name__}.gymnasium_environments:{_class}Env",
+        vector_entry_point=f"{__name__}.gymnasium_environments:{_class}VectorEnv",
     )

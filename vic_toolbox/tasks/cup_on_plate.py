@@ -53,16 +53,14 @@ from vic_toolbox.tasks.cup_scene import (
     robot,
     start_angles,
 )
-from vic_toolbox.tasks.environment import Environment
 from vic_toolbox.tasks.simulation import ArmSimulation
 from vic_toolbox.tasks.starts import Scenario
 from vic_toolbox.tasks.task import SweepAxis
-from vic_toolbox.tasks.vector_environment import VectorEnvironment
 
 __all__ = [
     "CUP", "GAINS", "GOAL", "PLATE", "PLATE_RADIUS", "PLATE_TOP", "SCENARIOS",
     "TOOL_DOWN", "TOOL_DOWN_QUAT_WXYZ",
-    "CupOnPlate", "CupOnPlateEnv", "CupOnPlateVectorEnv",
+    "CupOnPlate",
     "as_scenario", "build_spec", "physics_model", "robot", "start_angles",
 ]  # fmt: skip
 
@@ -343,37 +341,3 @@ def _set_gains(actions, middle, half, stiffness, damping):  # type: ignore[no-un
             stiffness[i, k] = middle[k] + half[k] * min(max(actions[i, k], -1.0), 1.0)
         for k in range(3):
             damping[i, k] = factor * math.sqrt(stiffness[i, k])
-
-
-class CupOnPlateEnv(Environment):
-    """Cup-on-Plate, ``vic/CupOnPlate-v0`` of ``gymnasium.make``: :class:`CupOnPlate` in the base class."""
-
-    def __init__(
-        self,
-        *,
-        action: str = "gain",
-        history: int = 1,
-        scenario: Any = "train",
-        start_noise: float = 1.0,
-        render_mode: str | None = None,
-    ) -> None:
-        task = CupOnPlate(action=action, history=history, scenario=scenario)
-        super().__init__(task, start_noise=start_noise, render_mode=render_mode)
-
-
-class CupOnPlateVectorEnv(VectorEnvironment):
-    """Batched Cup-on-Plate, ``vic/CupOnPlate-v0`` of ``gymnasium.make_vec``: see :class:`CupOnPlateEnv`."""
-
-    def __init__(
-        self,
-        num_envs: int = 1,
-        *,
-        action: str = "gain",
-        history: int = 1,
-        scenario: Any = "train",
-        start_noise: float = 1.0,
-        threads: int = 1,
-        render_mode: str | None = None,
-    ) -> None:
-        task = CupOnPlate(action=action, history=history, scenario=scenario)
-        super().__init__(task, num_envs, start_noise=start_noise, threads=threads, render_mode=render_mode)

@@ -39,7 +39,6 @@ from vic_toolbox.errors import Array, InputError, finite_array, integer, one_of
 from vic_toolbox.gains import DiagonalStiffness, Parametrisation
 from vic_toolbox.spatial import rotation_exp, rotation_to_quat_wxyz
 from vic_toolbox.tasks import peg_picture
-from vic_toolbox.tasks.environment import Environment
 from vic_toolbox.tasks.peg_scene import (
     CHAMFER,
     DAMPING,
@@ -53,11 +52,10 @@ from vic_toolbox.tasks.peg_scene import (
 )
 from vic_toolbox.tasks.peg_simulation import PegSimulation
 from vic_toolbox.tasks.task import SweepAxis
-from vic_toolbox.tasks.vector_environment import VectorEnvironment
 
 __all__ = [
     "CONSTANTS", "GAINS", "SCENARIOS", "TIP_STIFFNESS",
-    "PegInHole", "PegInHoleEnv", "PegInHoleVectorEnv", "PegScenario",
+    "PegInHole", "PegScenario",
     "as_scenario", "physics_model",
 ]  # fmt: skip
 
@@ -376,37 +374,3 @@ def _reward(rows):  # type: ignore[no-untyped-def]
         height = rows[i, 2] + TIP_DISTANCE * second * (x * x + y * y)  # of the tip above the goal depth
         rewards[i] = -abs(height) if lateral <= CHAMFER else -PENALTY
     return rewards
-
-
-class PegInHoleEnv(Environment):
-    """Peg-in-Hole, ``vic/PegInHole-v0`` of ``gymnasium.make``: :class:`PegInHole` in the base class."""
-
-    def __init__(
-        self,
-        *,
-        action: str = "gain",
-        history: int = 1,
-        scenario: Any = "train",
-        start_noise: float = 1.0,
-        render_mode: str | None = None,
-    ) -> None:
-        task = PegInHole(action=action, history=history, scenario=scenario)
-        super().__init__(task, start_noise=start_noise, render_mode=render_mode)
-
-
-class PegInHoleVectorEnv(VectorEnvironment):
-    """Batched Peg-in-Hole, ``vic/PegInHole-v0`` of ``gymnasium.make_vec``: see :class:`PegInHoleEnv`."""
-
-    def __init__(
-        self,
-        num_envs: int = 1,
-        *,
-        action: str = "gain",
-        history: int = 1,
-        scenario: Any = "train",
-        start_noise: float = 1.0,
-        threads: int = 1,
-        render_mode: str | None = None,
-    ) -> None:
-        task = PegInHole(action=action, history=history, scenario=scenario)
-        super().__init__(task, num_envs, start_noise=start_noise, threads=threads, render_mode=render_mode)
