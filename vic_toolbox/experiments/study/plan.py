@@ -84,7 +84,7 @@ class Draft:
 
     def __init__(self) -> None:
         self._cells: dict[str, Cell] = {}
-        self._entries: list[Entry] = []
+        self._entries: dict[Entry, None] = {}
 
     def cell(self, kind: str, name: str, settings: Mapping[str, Any], *, needs: tuple[str, ...] = ()) -> str:
         """Add a cell, unless it is there already; returns its name.
@@ -106,9 +106,7 @@ class Draft:
 
     def entry(self, **fields: Any) -> None:
         """Add an :class:`Entry`, unless it is there already."""
-        entry = Entry(**fields)
-        if entry not in self._entries:
-            self._entries.append(entry)
+        self._entries.setdefault(Entry(**fields))
 
     def finish(self) -> Plan:
         """The plan.
