@@ -383,9 +383,10 @@ def test_an_npz_that_claims_terabytes_is_refused_before_memory_is_taken(tmp_path
 
 
 def test_an_npz_that_unpacks_to_too_much_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr("vic_toolbox.recordings.arrays.LARGEST_BYTES", 1 << 20)
+    for module in ("files", "recordings.arrays"):
+        monkeypatch.setattr(f"vic_toolbox.{module}.LARGEST_BYTES", 1 << 20)
     np.savez_compressed(tmp_path / "a.npz", time=np.zeros(1 << 18))
-    with pytest.raises(FileError, match="too much for one recording"):
+    with pytest.raises(FileError, match="too much for one file"):
         read(tmp_path / "a.npz")
     with h5py.File(tmp_path / "a.h5", "w") as file:
         file.create_dataset(

@@ -1,4 +1,8 @@
-"""Files that are whole or not there: write under a temporary name, flush, rename."""
+"""Files that are whole or not there: write under a temporary name, flush, rename.
+
+Files of arrays come from strangers too: nothing in them is executed, and what a small file claims to hold is looked at
+before memory is taken.
+"""
 
 from __future__ import annotations
 
@@ -7,11 +11,20 @@ import hashlib
 import json
 import os
 import tempfile
-from collections.abc import Iterator
+import zipfile
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.lib import format as npy
+
 from vic_toolbox.errors import FileError
+
+LARGEST_BYTES = 4 << 30
+"""Bytes, unpacked, beyond which a file is refused: small files may claim to hold anything."""
+MOST_ARRAYS = 10_000
+"""Arrays of one file beyond which it is refused."""
 
 
 @contextlib.contextmanager
@@ -71,6 +84,70 @@ def read_json(path: str | os.PathLike[str]) -> Any:
         return json.loads(Path(path).read_text())
     except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
         raise FileError(f"{path} cannot be read as JSON ({error})") from error
+
+
+def write_arrays(path: str | os.PathLike[str], arrays: Mapping[str, Any]) -> None:
+    """Replace the file by a compressed ``.npz`` of numbers and text.
+
+    Raises
+    ------
+    FileError
+        The file cannot be written.
+    """
+    with atomic_path(path) as temporary, temporary.open("wb") as file:
+        np.savez_compressed(file, **arrays)
+
+
+def read_arrays(
+    path: str | os.PathLike[str], kind: str = "npz", *, remedy: str = "it is damaged or cut off"
+) -> dict[str, np.ndarray]:
+    """Read all arrays of an ``.npz``, by name.
+
+    Parameters
+    ----------
+    path : path
+        The file.
+    kind : str
+        What it should be, for the message.
+    remedy : str
+        What to do about a damaged one, for the message.
+
+    Raises
+    ------
+    FileError
+        Missing, damaged, of Python objects, or it unpacks to too much.
+    """
+    try:
+        with zipfile.ZipFile(path) as archive:
+            members = [info for info in archive.infolist() if info.filename.endswith(".npy")]
+            size = sum(info.file_size for info in members)
+            if len(members) > MOST_ARRAYS or size > LARGEST_BYTES:
+                raise FileError(
+                    f"{path} unpacks to {size >> 20} MiB in {len(members)} arrays, too much for one file; cut it, or "
+                    "keep fewer samples."
+                )
+            return {info.filename[:-4]: _read_array(archive, info) for info in members}
+    except FileError:
+        raise
+    except Exception as error:  # a parser of a file from a stranger may fail in any way
+        said = " ".join(str(error).split())[:160] or type(error).__name__
+        raise FileError(f"{path} cannot be read as {kind} ({said}); {remedy}.") from error
+
+
+def _read_array(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> np.ndarray:
+    """One array; a header that promises more than the file holds is refused before memory is taken."""
+    with archive.open(info) as file:
+        version = npy.read_magic(file)
+        header = npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0
+        shape, _, dtype = header(file)
+    if dtype.hasobject:
+        raise FileError(
+            f"{archive.filename}: {info.filename} holds Python objects, which are not read; save numbers."
+        )
+    if int(np.prod(shape, dtype=object)) * dtype.itemsize > info.file_size:
+        raise ValueError(f"{info.filename} of shape {shape} is cut off")
+    with archive.open(info) as file:
+        return npy.read_array(file, allow_pickle=False)
 
 
 def file_digest(path: str | os.PathLike[str]) -> str:

@@ -4,18 +4,15 @@ from __future__ import annotations
 
 import json
 import os
-import zipfile
-import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vic_toolbox.errors import Array, FileError, InputError, finite_array
-from vic_toolbox.files import atomic_path
+from vic_toolbox.files import read_arrays, write_arrays
 from vic_toolbox.gains import AXES, ImpedanceGains
 
 if TYPE_CHECKING:
@@ -148,8 +145,7 @@ class GainEstimate:
         arrays = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in _TEXT}
         arrays |= {f"parameter_{name}": np.asarray(value) for name, value in self.parameters.items()}
         text = json.dumps({"method": self.method, "warnings": list(self.warnings)})
-        with atomic_path(path) as temporary, temporary.open("wb") as file:
-            np.savez_compressed(file, format=_FORMAT, text=np.frombuffer(text.encode(), np.uint8), **arrays)
+        write_arrays(path, {"format": _FORMAT, "text": np.frombuffer(text.encode(), np.uint8)} | arrays)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> GainEstimate:
@@ -160,9 +156,8 @@ class GainEstimate:
         FileError
             The file is missing, damaged, or of another kind or version.
         """
+        content = read_arrays(path, "a gain estimate", remedy="fit again")
         try:
-            with np.load(Path(path), allow_pickle=False) as file:
-                content = dict(file)
             if int(content.pop("format")) != _FORMAT:
                 raise FileError(f"{path} is of another version; fit again with this one.")
             text = json.loads(content.pop("text").tobytes().decode())
@@ -174,7 +169,7 @@ class GainEstimate:
             result._check_shapes(path)
         except FileError:
             raise
-        except _UNREADABLE as error:
+        except (KeyError, TypeError, ValueError, AttributeError) as error:
             raise FileError(f"{path} cannot be read as a gain estimate ({error})") from error
         return result
 
@@ -196,16 +191,6 @@ class GainEstimate:
                 )
 
 
-_UNREADABLE = (
-    OSError,
-    KeyError,
-    TypeError,
-    ValueError,
-    AttributeError,
-    EOFError,
-    zipfile.BadZipFile,
-    zlib.error,
-)
 _TEXT = ("method", "parameters", "warnings")
 
 

@@ -8,7 +8,7 @@ without his unrest (sway, tremor) and without the push that was only there to id
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -17,7 +17,7 @@ import numpy as np
 
 from vic_toolbox import twin
 from vic_toolbox.errors import Array, FileError, InputError, one_of
-from vic_toolbox.files import atomic_path
+from vic_toolbox.files import read_arrays, write_arrays
 from vic_toolbox.gains import ImpedanceGains
 from vic_toolbox.tasks import CupOnPlate, cup_scene
 from vic_toolbox.tasks.cup_on_plate import GAINS
@@ -88,8 +88,7 @@ class Traces:
     def save(self, path: Path) -> None:
         """Write one ``.npz``, whole or not at all."""
         arrays = {name: getattr(self, name).astype(np.float32) for name in ("on_twin", "nominal", "human")}
-        with atomic_path(path) as temporary, temporary.open("wb") as file:
-            np.savez_compressed(file, format=_FORMAT, time=self.time, **arrays)
+        write_arrays(path, {"format": _FORMAT, "time": self.time} | arrays)
 
     @classmethod
     def load(cls, path: Path) -> Traces:
@@ -100,15 +99,12 @@ class Traces:
         FileError
             Missing, damaged, or something else.
         """
-        try:
-            with np.load(path, allow_pickle=False) as file:
-                if str(file["format"]) != _FORMAT:
-                    raise ValueError(f"format {file['format']}")
-                return cls(*(file[name] for name in ("time", "on_twin", "nominal", "human")))
-        except (OSError, ValueError, KeyError, EOFError) as error:
-            raise FileError(
-                f"{path} cannot be read as traces of a deployment ({error}); run it again."
-            ) from error
+        content = read_arrays(path, "traces of a deployment", remedy="run it again")
+        if str(content.pop("format", "")) != _FORMAT or content.keys() != {
+            field.name for field in fields(cls)
+        }:
+            raise FileError(f"{path} holds no traces of a deployment of format {_FORMAT}; run it again.")
+        return cls(**content)
 
 
 def deploy(

@@ -6,23 +6,21 @@ before memory is taken, and links out of the file are not followed.
 
 from __future__ import annotations
 
-import zipfile
 from collections import deque
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.lib import format as npy
 
 from vic_toolbox.errors import Array, FileError, require
+from vic_toolbox.files import LARGEST_BYTES, MOST_ARRAYS, read_arrays
 from vic_toolbox.recordings.assembly import native_recording
 from vic_toolbox.recordings.recording import Recording
-from vic_toolbox.recordings.table import LARGEST_BYTES, Table, as_numbers, short, table_of_arrays, too_large
+from vic_toolbox.recordings.table import Table, as_numbers, short, table_of_arrays, too_large
 
 FORMAT = "vic-recording-1"
 TEXTS = ("format", "wrench_axes", "notes")
-MOST_ARRAYS = 10_000
 DEEPEST = 16
 LONGEST_TEXT = 60_000
 
@@ -35,38 +33,11 @@ def read_npz(path: Path) -> Table | Recording:
     FileError
         Damaged, of objects, or it unpacks to too much.
     """
-    try:
-        with zipfile.ZipFile(path) as archive:
-            members = [info for info in archive.infolist() if info.filename.endswith(".npy")]
-            if len(members) > MOST_ARRAYS or sum(info.file_size for info in members) > LARGEST_BYTES:
-                raise too_large(path, f"unpacks to {sum(info.file_size for info in members) >> 20} MiB")
-            arrays = {info.filename[:-4]: _npy(archive, info) for info in members}
-    except FileError:
-        raise
-    except Exception as error:  # a parser of a file from a stranger may fail in any way
-        raise FileError(
-            f"{path} cannot be read as npz ({short(error)}); it is damaged or cut off."
-        ) from error
+    arrays = read_arrays(path)
     texts = {
         n: str(a.item()) for n, a in arrays.items() if n in TEXTS and a.dtype.kind == "U" and a.ndim == 0
     }
     return _recording_or_table(path, arrays, texts)
-
-
-def _npy(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> np.ndarray:
-    """One array; a header that promises more than the file holds is refused before memory is taken."""
-    with archive.open(info) as file:
-        version = npy.read_magic(file)
-        header = npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0
-        shape, _, dtype = header(file)
-    if dtype.hasobject:
-        raise FileError(
-            f"{archive.filename}: {info.filename} holds Python objects, which are not read; save numbers."
-        )
-    if int(np.prod(shape, dtype=object)) * dtype.itemsize > info.file_size:
-        raise ValueError(f"{info.filename} of shape {shape} is cut off")
-    with archive.open(info) as file:
-        return npy.read_array(file, allow_pickle=False)
 
 
 def read_hdf5(path: Path) -> Table | Recording:

@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vic_toolbox.errors import Array, FileError, InputError, positive
+from vic_toolbox.files import LARGEST_BYTES
 from vic_toolbox.recordings import quaternions
-from vic_toolbox.recordings.table import LARGEST_BYTES, Table, too_large
+from vic_toolbox.recordings.table import Table, too_large
 from vic_toolbox.recordings.validation import GAP
 
 NANO = 1e-9

@@ -18,8 +18,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 from urllib.parse import quote
 
+from vic_toolbox.files import LARGEST_BYTES
 from vic_toolbox.recordings.messages import kind_of
-from vic_toolbox.recordings.table import LARGEST_BYTES, too_large
+from vic_toolbox.recordings.table import too_large
 
 LARGEST_CHUNK = 1 << 28
 """Bytes, unpacked, beyond which a chunk or a message is refused."""

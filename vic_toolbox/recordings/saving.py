@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from vic_toolbox.errors import InputError, require
-from vic_toolbox.files import atomic_path
+from vic_toolbox.files import atomic_path, write_arrays
 
 if TYPE_CHECKING:
     from vic_toolbox.recordings.recording import Recording
@@ -37,11 +37,7 @@ def save(recording: Recording, path: str | os.PathLike[str]) -> None:
         raise InputError(f"{path} has the suffix {path.suffix!r}; choose one of: {', '.join(SUFFIXES)}.")
     texts = {"format": FORMAT, "wrench_axes": recording.wrench_axes, "notes": "\n".join(recording.notes)}
     if kind == "npz":
-        with atomic_path(path) as temporary, temporary.open("wb") as file:
-            content: dict[str, Any] = recording.arrays() | {
-                name: np.array(text) for name, text in texts.items()
-            }
-            np.savez_compressed(file, **content)
+        write_arrays(path, recording.arrays() | {name: np.array(text) for name, text in texts.items()})
         return
     require("recordings", "h5py")
     import h5py

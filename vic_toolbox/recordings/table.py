@@ -13,8 +13,6 @@ from vic_toolbox.spatial import rotation_to_quat_wxyz
 
 LARGEST_SAMPLES = 50_000_000
 """Samples beyond which a file is refused: 14 hours at 1 kHz."""
-LARGEST_BYTES = 4 << 30
-"""Bytes, unpacked, beyond which a file is refused: small files may claim to hold anything."""
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from vic_toolbox.errors import Array, FileError
-from vic_toolbox.recordings.table import LARGEST_BYTES, LARGEST_SAMPLES, Table, too_large
+from vic_toolbox.files import LARGEST_BYTES
+from vic_toolbox.recordings.table import LARGEST_SAMPLES, Table, too_large
 
 LONGEST_LINE = 1 << 16
 MISSING = {"", "nan", "na", "n/a", "null", "none"}

@@ -11,16 +11,14 @@ from __future__ import annotations
 import dataclasses
 import os
 import warnings
-import zipfile
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from vic_toolbox.errors import Array, FileError, InputError, finite_array, finite_number, integer
-from vic_toolbox.files import atomic_path
+from vic_toolbox.files import read_arrays, write_arrays
 from vic_toolbox.tasks.task import Task
 from vic_toolbox.tasks.vector_environment import VectorEnvironment
 
@@ -203,8 +201,7 @@ class Demonstrations:
         content: dict[str, Any] = {
             field.name: getattr(self, field.name) for field in dataclasses.fields(self)
         }
-        with atomic_path(path) as temporary, temporary.open("wb") as file:
-            np.savez_compressed(file, format=_FORMAT, **content)
+        write_arrays(path, {"format": _FORMAT} | content)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Demonstrations:
@@ -216,13 +213,7 @@ class Demonstrations:
             Missing, damaged, of another format, or its arrays do not fit together.
         """
         wanted = {field.name: field.type for field in dataclasses.fields(cls)}
-        try:
-            with np.load(Path(path), allow_pickle=False) as file:
-                content = {name: file[name] for name in file.files}
-        except (OSError, ValueError, EOFError, zipfile.BadZipFile, TypeError, AttributeError) as error:
-            raise FileError(
-                f"{path} cannot be read as demonstrations ({error}); record them again."
-            ) from error
+        content = read_arrays(path, "demonstrations", remedy="record them again")
         if content.pop("format", None) != _FORMAT or content.keys() != wanted.keys():
             raise FileError(f"{path} is not a file of demonstrations of format {_FORMAT}; record them again.")
         scalars: dict[str, Any] = {"str": str, "int": int, "float": float}

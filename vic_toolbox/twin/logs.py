@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from vic_toolbox.errors import Array, FileError
-from vic_toolbox.files import atomic_path, write_atomically
+from vic_toolbox.files import write_arrays, write_atomically
 from vic_toolbox.spatial import rotation_to_quat_wxyz
 from vic_toolbox.tasks import cup_scene
 from vic_toolbox.twin.loop import in_steps
@@ -55,8 +55,7 @@ class Log:
         }
         kind = np.float32 if single else np.float64
         numbers = {name: array.astype(kind) for name, array in content.items()}
-        with atomic_path(path) as temporary, temporary.open("wb") as file:
-            np.savez_compressed(file, time=self.time, **numbers)
+        write_arrays(path, {"time": self.time} | numbers)
 
 
 def sensed(transmitted: Array, bias: Array, flaws: Imperfections, rng: np.random.Generator) -> Array:

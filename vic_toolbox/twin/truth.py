@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import os
-import zipfile
 from dataclasses import dataclass, fields
-from pathlib import Path
 
 import numpy as np
 
 from vic_toolbox.errors import Array, FileError, InputError, finite_array
-from vic_toolbox.files import atomic_path
+from vic_toolbox.files import read_arrays, write_arrays
 
 _SHAPES = {
     "time": (None,),
@@ -65,9 +63,7 @@ class Truth:
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write everything to one ``.npz``, whole or not at all."""
-        content = {field.name: getattr(self, field.name) for field in fields(self)}
-        with atomic_path(path) as temporary, temporary.open("wb") as file:
-            np.savez_compressed(file, **content)
+        write_arrays(path, {field.name: getattr(self, field.name) for field in fields(self)})
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Truth:
@@ -78,10 +74,10 @@ class Truth:
         FileError
             Missing, damaged, or something else.
         """
+        content = read_arrays(path, "the truth of a session", remedy="record again")
         try:
-            with np.load(Path(path), allow_pickle=False) as file:
-                return cls(**{field.name: file[field.name] for field in fields(cls)})
-        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+            return cls(**{field.name: content[field.name] for field in fields(cls)})
+        except KeyError as error:
             raise FileError(
-                f"{path} cannot be read as the truth of a session ({error}); record again."
+                f"{path} is not the truth of a session: it has no {error}; record again."
             ) from error
