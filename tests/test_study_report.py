@@ -23,7 +23,15 @@ from vic_toolbox.experiments.intervals import wilson_interval
 from vic_toolbox.experiments.session_settings import SessionSettings
 from vic_toolbox.experiments.study import results_json
 from vic_toolbox.experiments.study.comparison import better_rivals, standing
-from vic_toolbox.experiments.study.definition import CONTROLS, METRICS, TWIN_CONTROLS, Budget, Study, Table
+from vic_toolbox.experiments.study.definition import (
+    CONTROLS,
+    METRICS,
+    TWIN_CONTROLS,
+    Budget,
+    Study,
+    Table,
+    load,
+)
 from vic_toolbox.experiments.study.findings import headline, of_table
 from vic_toolbox.experiments.study.folder import Result, StudyFolder, write_result
 from vic_toolbox.experiments.study.kinds import KINDS, kind_of
@@ -421,12 +429,12 @@ def test_the_documentation_has_every_key():
     assert [key for key in results_json.KEYS if f'"{key}"' not in text] == []
 
 
-def test_the_committed_results_can_be_read():
-    """Once they are there: every cell of the paper's tables has a mean, of as many seeds as all others."""
-    path = Path(__file__).parents[1] / "docs" / "results" / "paper.json"
-    if not path.exists():
-        pytest.skip("no results are committed yet")
-    cells = results_json.read_cells(path)
-    paper = [cell for cell in cells if cell["paper"] is not None]
-    assert all(cell["mean"] is not None for cell in paper)
-    assert len({cell["seeds"] for cell in paper if cell["method"] != "Constant gain"}) == 1
+def test_the_committed_results_have_every_cell_of_the_paper_with_all_seeds():
+    root = Path(__file__).parents[1]
+    study = load(root / "studies" / "paper.toml")
+    cells = results_json.read_cells(root / "docs" / "results" / "paper.json")
+    found = [cell for cell in cells if cell["paper"] is not None]
+    wanted = [(table.name, number) for table in study.table for row in table.paper.values() for number in row]
+    assert sorted((cell["table"], cell["paper"]) for cell in found) == sorted(wanted)
+    assert all(cell["mean"] is not None for cell in found)
+    assert {cell["seeds"] for cell in found if cell["method"] != "Constant gain"} == {len(study.seeds)}
