@@ -213,7 +213,7 @@ class Demonstrations:
             Missing, damaged, of another format, or its arrays do not fit together.
         """
         wanted = {field.name: field.type for field in dataclasses.fields(cls)}
-        content = read_arrays(path, "demonstrations", remedy="record them again")
+        content: dict[str, Any] = read_arrays(path, "demonstrations", remedy="record them again")
         if content.pop("format", None) != _FORMAT or content.keys() != wanted.keys():
             raise FileError(f"{path} is not a file of demonstrations of format {_FORMAT}; record them again.")
         scalars: dict[str, Any] = {"str": str, "int": int, "float": float}
