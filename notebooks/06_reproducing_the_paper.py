@@ -205,9 +205,9 @@ for name in ("Gain-AIRL", "Gain-BC", "Force-AIRL", "Force-BC"):
         for scenario, cell in of(table).get(name, {}).items() if cell["best3"] is not None
     ]  # fmt: skip
     if gains:
-        print(
-            f"{name:10} best three beat all seeds by {np.mean([g for g, _ in gains]):4.1f} points, most: {max(gains)}"
-        )
+        most, where = max(gains)
+        print(f"{name:10} best three beat all seeds by {np.mean([g for g, _ in gains]):4.1f} points; "
+              f"most at {where}, by {most:.1f}")  # fmt: skip
 
 # %% [markdown]
 # ### An interval, or it did not happen
