@@ -204,6 +204,9 @@ def test_a_cluster_that_is_not_there_is_an_error():
         address = f"127.0.0.1:{free.getsockname()[1]}"
     with pytest.raises(InputError, match=f"no Ray cluster at '{address}'.*ray start --head"):
         RayEngine(address)
+    for wrong in ("here", ":6379", "127.0.0.1:", "127.0.0.1:99999"):
+        with pytest.raises(InputError, match="pass auto, or HOST:PORT"):
+            RayEngine(wrong)
 
 
 @pytest.mark.slow

@@ -36,6 +36,7 @@ ONE_THREAD = dict.fromkeys(
 )
 """Environment of a worker: processes fill the cores, and threads inside each of them would only get in the way."""
 
+_LAST_PORT = 65535
 _KNOCK = 5.0  # seconds for the head of a cluster to answer
 _GRACE = 15.0  # seconds that workers have to save their work once they are asked to stop
 _WATCH = 0.5  # seconds between two looks at whether the runner is still there
@@ -270,9 +271,11 @@ def _exit_code(error: BaseException) -> str:
 def _reach(address: str) -> None:
     """Knock at HOST:PORT: Ray itself would wait for minutes at an address where nothing listens."""
     host, _, port = address.rpartition(":")
+    if not host or not port.isdecimal() or int(port) > _LAST_PORT:
+        raise InputError(f"the cluster is {address!r}; pass auto, or HOST:PORT of its head.")
     try:
         socket.create_connection((host, int(port)), timeout=_KNOCK).close()
-    except (OSError, ValueError, OverflowError) as error:
+    except OSError as error:
         raise _no_cluster(address, error) from error
 
 
