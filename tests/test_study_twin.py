@@ -27,6 +27,7 @@ from vic_toolbox.experiments.study.definition import parse
 from vic_toolbox.experiments.study.kinds import kind_of
 from vic_toolbox.experiments.study.plan import make_plan
 from vic_toolbox.experiments.study.twin_pictures import velocity_drawings
+from vic_toolbox.files import write_arrays
 from vic_toolbox.tasks import CupOnPlate, cup_scene
 from vic_toolbox.tasks.cup_on_plate import ROTATIONAL_DAMPING
 from vic_toolbox.tasks.recorded import label
@@ -194,6 +195,9 @@ def test_a_deploy_cell_keeps_traces_for_the_figure(tmp_path: Path):
     np.testing.assert_allclose(1e3 * off.mean(axis=1), values["mean_deviation_each"], atol=1e-3)
     drawing = velocity_responses({"Gain-BC": traces, "again": traces}, episode=1)
     assert len(drawing.axes) == 8
+    write_arrays(folder / TRACES, {"format": "vic-deployment/1", **vars(traces), "human": np.zeros(3)})
+    with pytest.raises(FileError, match="damaged traces"):
+        Traces.load(folder / TRACES)
     (folder / TRACES).write_bytes(b"PK")
     with pytest.raises(FileError, match="run it again"):
         Traces.load(folder / TRACES)

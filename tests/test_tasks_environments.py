@@ -302,6 +302,7 @@ def test_damaged_files_are_refused(demonstrations: tasks.Demonstrations, tmp_pat
         {"actions": fields["actions"][:, :-1]},
         {"scores": np.full(6, np.nan)},
         {"format": np.int64(9)},
+        {"format": np.zeros(2)},
         {"extra": np.zeros(1)},
         {"seed": np.zeros(3)},
         {"observations": np.array([{"a": 1}], dtype=object)},

@@ -14,6 +14,7 @@ from vic_toolbox import recordings
 from vic_toolbox.cli.twin import Twin as Command
 from vic_toolbox.errors import FileError, InputError
 from vic_toolbox.estimation import fit_smooth, fit_windows
+from vic_toolbox.files import write_arrays
 from vic_toolbox.recordings import inertia_share
 from vic_toolbox.tasks import cup_scene
 from vic_toolbox.tasks.cup_on_plate import GAINS
@@ -241,6 +242,9 @@ def test_a_session_goes_to_disk_and_hides_its_truth(tmp_path: Path):
         save_session(session, robot, out)
     with pytest.raises(FileError, match="truth"):
         Truth.load(paths[0])
+    write_arrays(tmp_path / "bent.npz", vars(truth) | {"time": np.zeros((3, 2))})
+    with pytest.raises(FileError, match=r"bent\.npz is not the truth of a session"):
+        Truth.load(tmp_path / "bent.npz")
     with pytest.raises(FileError, match="vic twin record"):
         load_session(_with_calibration_only(out, tmp_path / "empty"))
 

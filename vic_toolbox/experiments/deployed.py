@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from vic_toolbox import twin
-from vic_toolbox.errors import Array, FileError, InputError, one_of
+from vic_toolbox.errors import Array, FileError, InputError, finite_array, one_of
 from vic_toolbox.files import read_arrays, write_arrays
 from vic_toolbox.gains import ImpedanceGains
 from vic_toolbox.tasks import CupOnPlate, cup_scene
@@ -104,7 +104,12 @@ class Traces:
             field.name for field in fields(cls)
         }:
             raise FileError(f"{path} holds no traces of a deployment of format {_FORMAT}; run it again.")
-        return cls(**content)
+        shape = (None, len(np.atleast_1d(content["time"])), 12)
+        try:
+            time = finite_array("time", content.pop("time"), shape=(None,))
+            return cls(time, **{name: finite_array(name, x, shape=shape) for name, x in content.items()})
+        except InputError as error:
+            raise FileError(f"{path} holds damaged traces ({error}); run it again.") from error
 
 
 def deploy(

@@ -214,7 +214,7 @@ class Demonstrations:
         """
         wanted = {field.name: field.type for field in dataclasses.fields(cls)}
         content: dict[str, Any] = read_arrays(path, "demonstrations", remedy="record them again")
-        if content.pop("format", None) != _FORMAT or content.keys() != wanted.keys():
+        if not np.array_equal(content.pop("format", -1), _FORMAT) or content.keys() != wanted.keys():
             raise FileError(f"{path} is not a file of demonstrations of format {_FORMAT}; record them again.")
         scalars: dict[str, Any] = {"str": str, "int": int, "float": float}
         try:

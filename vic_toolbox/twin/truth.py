@@ -77,7 +77,5 @@ class Truth:
         content = read_arrays(path, "the truth of a session", remedy="record again")
         try:
             return cls(**{field.name: content[field.name] for field in fields(cls)})
-        except KeyError as error:
-            raise FileError(
-                f"{path} is not the truth of a session: it has no {error}; record again."
-            ) from error
+        except (KeyError, ValueError) as error:
+            raise FileError(f"{path} is not the truth of a session ({error}); record again.") from error
