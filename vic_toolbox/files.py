@@ -130,8 +130,7 @@ def read_arrays(
     except FileError:
         raise
     except Exception as error:  # a parser of a file from a stranger may fail in any way
-        said = " ".join(str(error).split())[:160] or type(error).__name__
-        raise FileError(f"{path} cannot be read as {kind} ({said}); {remedy}.") from error
+        raise FileError(f"{path} cannot be read as {kind} ({short(error)}); {remedy}.") from error
 
 
 def _read_array(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> np.ndarray:
@@ -148,6 +147,12 @@ def _read_array(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> np.ndarray:
         raise ValueError(f"{info.filename} of shape {shape} is cut off")
     with archive.open(info) as file:
         return npy.read_array(file, allow_pickle=False)
+
+
+def short(error: Exception) -> str:
+    """What a library said, on one line."""
+    text = " ".join(str(error).split()) or type(error).__name__
+    return text if len(text) <= 160 else text[:157] + "..."
 
 
 def file_digest(path: str | os.PathLike[str]) -> str:

@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 
 from vic_toolbox.errors import Array, FileError, require
-from vic_toolbox.files import LARGEST_BYTES, MOST_ARRAYS, read_arrays
+from vic_toolbox.files import LARGEST_BYTES, MOST_ARRAYS, read_arrays, short
 from vic_toolbox.recordings.assembly import native_recording
 from vic_toolbox.recordings.recording import Recording
-from vic_toolbox.recordings.table import Table, as_numbers, short, table_of_arrays, too_large
+from vic_toolbox.recordings.table import Table, as_numbers, table_of_arrays, too_large
 
 FORMAT = "vic-recording-1"
 TEXTS = ("format", "wrench_axes", "notes")

@@ -14,13 +14,13 @@ from pathlib import Path
 import numpy as np
 
 from vic_toolbox.errors import FileError, InputError, one_of, require
-from vic_toolbox.files import LARGEST_BYTES
+from vic_toolbox.files import LARGEST_BYTES, short
 from vic_toolbox.recordings.clock import Stream
 from vic_toolbox.recordings.containers import packets
 from vic_toolbox.recordings.guessing import names_reference
 from vic_toolbox.recordings.layout import listed, nearest
 from vic_toolbox.recordings.messages import decode, kind_of
-from vic_toolbox.recordings.table import LARGEST_SAMPLES, short, too_large
+from vic_toolbox.recordings.table import LARGEST_SAMPLES, too_large
 
 STAMPS = ("header", "arrival")
 

@@ -89,9 +89,3 @@ def as_numbers(source: str, name: str, array: np.ndarray) -> Array | None:
     if len(array) > LARGEST_SAMPLES:
         raise too_large(source, f"holds {len(array)} samples in {name}")
     return array.astype(np.float64)
-
-
-def short(error: Exception) -> str:
-    """What a library said, on one line."""
-    text = " ".join(str(error).split()) or type(error).__name__
-    return text if len(text) <= 160 else text[:157] + "..."
