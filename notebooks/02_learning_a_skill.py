@@ -283,9 +283,10 @@ plt.show()
 # as soon as the action error on held-out demonstrations is small, and of the sharpest iterations the one
 # with the smallest such error is kept. The score takes part in no decision; it is only shown.
 #
-# `replay` lets the discriminator see the policies of the last 20 iterations besides the present one. In the
+# `replay` lets the discriminator see samples of ten earlier policies besides those of the present one. In the
 # end that one is much like the expert, and a reward that meets nobody else forgets what it knew about the
-# others. Imitation does not mind; a *fresh* policy, which must be led from afar, does (section 8).
+# others; a *fresh* policy, which must be led from afar, would suffer most (section 8). What expert samples are
+# told from is then a mixture, and $\pi$ in $D = e^r/(e^r + \pi)$ is the density of that mixture.
 
 # %%
 from vic_toolbox.experiments.figures.learning import learning_curves
@@ -488,7 +489,7 @@ plt.show()
 # %%
 from vic_toolbox.learning import Transfer
 
-random_reward = RewardNetwork(task.observation_size, task.action_size, seed=SEED + 100)
+random_reward = RewardNetwork.for_task(task, seed=SEED + 100)
 
 
 def optimise(reward, scenario, *, fresh):
@@ -542,7 +543,7 @@ plt.show()
 # %% [markdown]
 # **What to see.** Left, at T3: a policy of random weights, which has never seen a demonstration or a
 # score, ends level with the expert on the learned reward alone. The trained one loses a part of its gap: it is
-# *anchored*, that is, half of what it is optimised for is to stay what it is, which keeps it from following the
+# *anchored*, that is, a quarter of what it is optimised for is to stay what it is, which keeps it from following the
 # reward where that is wrong. Under the random reward nothing of the kind happens. Right, on the other side:
 # the learned reward makes things *worse*. It is wrong there (section 5), and an optimiser finds what is
 # wrong: the fresh policy begins with gains in the middle of the range, and ends as soft as the reward

@@ -584,7 +584,7 @@ plt.show()
 # learning.
 
 # %%
-untrained = RewardNetwork(task.observation_size, task.action_size, seed=SEED + 100)
+untrained = RewardNetwork.for_task(task, seed=SEED + 100)
 
 
 def optimise(frozen, tilt, *, fresh=True):

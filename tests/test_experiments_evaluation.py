@@ -212,7 +212,7 @@ def test_a_task_without_a_knob_is_cut_through_the_experts_own_action(task: CupOn
 
 def test_the_reward_of_a_wrench_is_cut_along_the_experts():
     task = CupOnPlate(action="force")
-    reward = RewardNetwork(task.observation_size, task.action_size, seed=3)
+    reward = RewardNetwork.for_task(task, seed=3)
     policy = GaussianPolicy.for_task(task, hidden=8, log_std=0.0, seed=0)
     expert = record_trace(task, task.expert_action)
     part = reward_slice(task, reward, policy, expert, name="airl")

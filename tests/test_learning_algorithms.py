@@ -29,6 +29,7 @@ from vic_toolbox.learning import (
     save_policy,
     save_reward,
 )
+from vic_toolbox.learning.airl import log_density
 from vic_toolbox.learning.checkpoints import load_tensors, save_tensors
 from vic_toolbox.learning.reward import train_discriminator
 from vic_toolbox.learning.strata import stratified_rows
@@ -143,6 +144,88 @@ def test_airl_imitates_and_its_reward_teaches_a_fresh_policy():
         np.mean(scores[-5:]) > 0.5 * scores[0]
     )  # scores are negative: less than half the fresh policy's loss
     assert learner.expert.action_error(transfer.result()) < 0.6 * first["action_error"]
+
+
+def test_the_density_of_a_mixture_integrates_to_one():
+    """And is that of its policies, each by its share; a mixture of one is the policy."""
+    policies = [GaussianPolicy(np.ones(3), 1, hidden=8, log_std=-0.5, seed=seed) for seed in range(3)]
+    weights = torch.tensor([0.6, 0.3, 0.1])
+    state = torch.randn(3, generator=torch.Generator().manual_seed(4))
+    actions = torch.linspace(-6.0, 6.0, 4001)[:, None]
+    samples = torch.cat([state.expand(4001, 3), actions], dim=1)
+    density = log_density(policies, weights, samples).exp()
+    assert float(torch.trapezoid(density, actions[:, 0])) == pytest.approx(1.0, abs=1e-5)
+    each = [log_density([policy], torch.ones(1), samples).exp() for policy in policies]
+    torch.testing.assert_close(density, sum(w * one for w, one in zip(weights, each, strict=True)))
+    mean = policies[0].network.value(state[None])
+    alone = policies[0].log_probability(mean, policies[0].log_std, actions)
+    torch.testing.assert_close(each[0], alone.exp())
+
+
+def test_replayed_samples_do_not_move_the_reward_of_an_expert_that_is_matched():
+    """Expert and replay are both π_0, the learner has moved on: r must be log π_0 wherever the samples are.
+
+    With the present policy's density instead of the mixture's, r would lie between log π_0 and log π_1.
+    """
+    count, generator = 20000, torch.Generator().manual_seed(1)
+    policies = [GaussianPolicy(np.ones(2), 1, hidden=4, log_std=0.0, seed=0) for _ in range(2)]
+    policies[1].network.layers[-1][1].fill_(1.5)  # the mean of the present one
+
+    def drawn(policy, rows):
+        o = torch.randn(rows, 2, generator=generator)
+        return torch.cat([o, policy.network.value(o) + torch.randn(rows, 1, generator=generator)], dim=1)
+
+    expert = drawn(policies[0], count)
+    own = torch.cat([drawn(policies[1], count // 2), drawn(policies[0], count // 2)])
+    found = {}
+    for name, mixture in {"mixture": policies, "present": policies[1:]}.items():
+        weights = torch.full((len(mixture),), 1.0 / len(mixture))
+        reward = RewardNetwork(2, 1, seed=0)
+        for rate in (3e-3, 5e-4):
+            train_discriminator(
+                reward,
+                (expert, log_density(mixture, weights, expert), np.zeros(count, dtype=int)),
+                (own, log_density(mixture, weights, own), np.zeros(count, dtype=int)),
+                slope_bound=1e9,
+                learning_rate=rate,
+                configuration=DiscriminatorConfiguration(steps=800, penalty=0.0),
+                rng=np.random.default_rng(2),
+            )
+        tried = drawn(policies[0], 2000)
+        truth = log_density(policies[:1], torch.ones(1), tried)
+        found[name] = float((reward.value(tried) - truth).square().mean().sqrt())
+    assert found["mixture"] < 0.16, found
+    assert found["present"] > 3 * found["mixture"]
+
+
+def test_a_reward_judges_the_newest_observation():
+    """With a history it learns, bit for bit, what it learns without, given the same densities."""
+    generator, rng = torch.Generator().manual_seed(3), np.random.default_rng
+    task = tasks.make("peg-in-hole", history=3)
+    pools = [
+        (
+            torch.randn(600, task.observation_size + 6, generator=generator),
+            torch.randn(600, generator=generator),
+            np.arange(600) % 3,
+        )
+        for _ in range(2)
+    ]
+    learned = []
+    for columns in (slice(None), slice(24, None)):
+        reward = RewardNetwork.for_task(task, seed=1)
+        assert reward.network.sizes[0] == 18
+        train_discriminator(
+            reward,
+            *[(samples[:, columns], log, strata) for samples, log, strata in pools],
+            slope_bound=4.0,
+            learning_rate=3e-3,
+            configuration=DiscriminatorConfiguration(steps=5),
+            rng=rng(0),
+        )
+        learned.append(reward)
+    torch.testing.assert_close(learned[0].theta, learned[1].theta, rtol=0, atol=0)
+    samples = pools[0][0]
+    torch.testing.assert_close(learned[0].value(samples), learned[0].value(samples[:, 24:]))
 
 
 def run(learner, iterations: int) -> dict[str, torch.Tensor]:

@@ -11,6 +11,7 @@ class ToyTask:
     """`x' = .9 x + B a`, expert `a = tanh(K x)`, reward `−‖a − a_expert‖²`."""
 
     name = "toy"
+    history = 1
     horizon = 40
     observation_size = 4
     action_size = 2

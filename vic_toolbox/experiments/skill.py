@@ -147,7 +147,7 @@ def _check_fit(skill: Skill) -> None:
             f"the run's task has {task.observation_size} and {task.action_size}. The file is from another "
             "run."
         )
-    rewarded = task.observation_size + task.action_size
+    rewarded = task.observation_size // task.history + task.action_size
     if skill.reward is not None and skill.reward.network.sizes[0] != rewarded:
         raise FileError(
             f"{skill.folder.path / 'reward.safetensors'} takes {skill.reward.network.sizes[0]} inputs; the "

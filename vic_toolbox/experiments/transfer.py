@@ -112,7 +112,7 @@ def _reward(skill: Skill, kind: str, seed: int) -> RewardNetwork:
     task = skill.task()
     if kind == "random":
         weights = int(random_stream(seed, 7).integers(2**31))
-        return RewardNetwork(task.observation_size, task.action_size, seed=weights)
+        return RewardNetwork.for_task(task, seed=weights)
     if skill.reward is None:
         raise InputError(
             f"{skill.folder.path} ({skill.run.method}) has learned no reward; pass an AIRL run, or use the "

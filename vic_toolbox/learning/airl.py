@@ -1,10 +1,13 @@
 """Adversarial inverse reinforcement learning of a reward and a policy from demonstrations.
 
 Each iteration: roll the policy out, teach the reward to tell the expert's samples from the policy's, relabel the
-rollouts with it, take one TRPO step, all with even weight for every part of the way (`strata`). Three more things
-are added to the textbook algorithm, all of them for a deterministic expert, and all decided without looking at a
-task's score:
+rollouts with it, take one TRPO step, all with even weight for every part of the way (`strata`). Four more things
+are added to the textbook algorithm, all decided without looking at a task's score, the last three for a
+deterministic expert:
 
+* the discriminator also sees samples of earlier policies (replay), so that the reward does not forget them, and
+  compares with the density of the mixture that drew what it sees, `D = exp r / (exp r + Σ w_k π_k)`: with the present
+  policy's density alone, r would be off by `log (π / Σ w_k π_k)`, away from whatever earlier policies did;
 * expert actions carry Gaussian noise, drawn anew each iteration, so that a density ratio exists;
 * the slope bound, the trust region, the reward's step size and that noise are *sharpened* (moved geometrically to
   their final values) once the action error on held-out expert states is small, not at a fixed iteration;
@@ -16,6 +19,7 @@ Sources: Fu, Luo, Levine, ICLR 2018; Zhang et al., section III of the paper (doc
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import torch
@@ -67,7 +71,9 @@ class AirlConfiguration:
     restarts: int = 2
     """Largest number of restarts."""
     replay: int = 0
-    """Earlier iterations whose samples (a fifth of each) the discriminator also sees."""
+    """Earlier policies whose samples (a fifth of an iteration's) the discriminator also sees."""
+    replay_stride: int = 2
+    """Iterations from one of them to the next."""
     search: PolicySearchConfiguration = field(default_factory=PolicySearchConfiguration)
     """The policy's improvement."""
     discriminator: DiscriminatorConfiguration = field(default_factory=DiscriminatorConfiguration)
@@ -121,10 +127,11 @@ class Airl:
             seed=seed,
         )
         self.search = PolicySearch(self.environment, policy, configuration=settings.search, seed=seed)
-        self.reward = RewardNetwork(task.observation_size, task.action_size, seed=seed + 2)
+        self.reward = RewardNetwork.for_task(task, seed=seed + 2)
         self.reward_average = self.reward.theta.clone()
         rows = settings.replay and len(range(0, settings.search.environments * task.horizon, 5))
         self.replay = torch.zeros(settings.replay, rows, task.observation_size + task.action_size)
+        self.replayed = torch.zeros(settings.replay, len(policy.theta))  # the policies that drew them
         self.expert_strata = task.strata(policy.unscaled(self.expert.training[0]))
         self.iteration.zero_()
         self.sharpness.zero_()
@@ -192,26 +199,25 @@ class Airl:
         inputs, actions = self.expert.training
         noisy = actions + noise * torch.from_numpy(rng.standard_normal(actions.shape, dtype="float32"))
         expert = torch.cat([inputs, noisy], dim=1)
-        kept = self.replay[: min(index, settings.replay)].reshape(-1, self.replay.shape[-1])
-        own = torch.cat([batch.samples, kept])
+        known = min(-(-index // settings.replay_stride), settings.replay)
+        own = torch.cat([batch.samples, *self.replay[:known]])
+        mixture = [policy, *(policy.copy(theta) for theta in self.replayed[:known])]
+        weights = torch.tensor([len(batch.samples), *[self.replay.shape[1]] * known]) / len(own)
         own_strata = self.environment.task.strata(policy.unscaled(own[:, : inputs.shape[1]]))
         metrics = train_discriminator(
             self.reward,
-            (expert, self._log_probability(policy, expert), self.expert_strata),
-            (own, torch.cat([batch.log_probability, self._log_probability(policy, kept)]), own_strata),
+            (expert, log_density(mixture, weights, expert), self.expert_strata),
+            (own, log_density(mixture, weights, own), own_strata),
             slope_bound=self._sharpened(settings.slope_bound, settings.slope_bound_final),
             learning_rate=self._sharpened(settings.learning_rate, settings.learning_rate_final),
             configuration=settings.discriminator,
             rng=rng,
         )
-        if settings.replay:
-            self.replay[index % settings.replay] = batch.samples[::5]
+        if settings.replay and index % settings.replay_stride == 0:
+            oldest = index // settings.replay_stride % settings.replay
+            self.replay[oldest] = batch.samples[::5]
+            self.replayed[oldest] = policy.theta
         return metrics
-
-    @staticmethod
-    def _log_probability(policy: GaussianPolicy, samples: torch.Tensor) -> torch.Tensor:
-        inputs, actions = samples.split([samples.shape[1] - policy.action_size, policy.action_size], dim=1)
-        return policy.log_probability(policy.network.value(inputs), policy.log_std, actions)
 
     def state(self) -> dict[str, torch.Tensor]:
         """Everything that the rest of the run depends on, as live tensors (see `checkpoints`)."""
@@ -225,6 +231,7 @@ class Airl:
             "best_policy": self.best_policy,
             "best_reward": self.best_reward,
             "replay": self.replay,
+            "replayed": self.replayed,
             "reward": self.reward.theta,
             "reward_average": self.reward_average,
             **{f"reward.{name}": value for name, value in adam_state(self.reward.optimiser).items()},
@@ -240,7 +247,16 @@ class Airl:
     def result(self) -> tuple[GaussianPolicy, RewardNetwork]:
         """The kept policy and the reward of the same iteration."""
         policy = self.search.policy.copy(self.best_policy)
-        task = self.environment.task
-        reward = RewardNetwork(task.observation_size, task.action_size, seed=0)
+        reward = RewardNetwork.for_task(self.environment.task, seed=0)
         reward.theta.copy_(self.best_reward)
         return policy, reward
+
+
+def log_density(
+    policies: Sequence[GaussianPolicy], weights: torch.Tensor, samples: torch.Tensor
+) -> torch.Tensor:
+    """`log Σ w_k π_k(a|o)` (n,) of samples (o, a), (n, n_o + n_a), under a mixture of policies."""
+    size = policies[0].action_size
+    inputs, actions = samples.split([samples.shape[1] - size, size], dim=1)
+    each = [p.log_probability(p.network.value(inputs), p.log_std, actions) for p in policies]
+    return torch.logsumexp(torch.stack(each) + weights.log()[:, None], dim=0)

@@ -53,7 +53,7 @@ def recipe(task: str, *, action: str, history: int) -> Recipe:
 _FARSIGHTED = PolicySearchConfiguration(discount=0.95, trace=0.95)
 
 _CUP_ON_PLATE = Recipe(
-    airl=AirlConfiguration(replay=20),
+    airl=AirlConfiguration(replay=10),
     transfer=TransferConfiguration(search=_FARSIGHTED),
     cloning=CloningConfiguration(),
 )
@@ -84,8 +84,8 @@ _CUP_ON_PLATE_FORCE = replace(
 _PEG_SEARCH = replace(_CUP_ON_PLATE.airl.search, environments=40)
 
 # The peg jams if its tip swings by half a millimetre, so the reward has to be steep, and to remember how blunt policies
-# did. On strata the held-out error of the best cloning is a third: hence the gate. A continued transfer takes small
-# steps: the policy is good already, and the reward is known only near what was shown.
+# did. On strata the held-out error of the best cloning is a third: hence the gate. From a tilt of the other sign a policy
+# has far to go, and the reward is known best near what was shown: a long transfer that ends in small steps.
 _PEG_IN_HOLE = Recipe(
     airl=AirlConfiguration(
         slope_bound=15.0,
@@ -94,12 +94,12 @@ _PEG_IN_HOLE = Recipe(
         expert_noise_final=0.02,
         sharpen_below=0.5,
         restart_above=0.7,
-        replay=20,
+        replay=10,
         search=_PEG_SEARCH,
     ),
     transfer=TransferConfiguration(
-        iterations=30,
-        divergence=0.005,
+        iterations=60,
+        divergence=0.02,
         divergence_final=0.001,
         search=replace(_FARSIGHTED, environments=40),
     ),

@@ -15,6 +15,7 @@ eq. 4; Gulrajani et al., "Improved training of Wasserstein GANs", NeurIPS 2017 (
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 import torch
@@ -35,8 +36,20 @@ class DiscriminatorConfiguration:
     """Weight λ of the slope penalty; 0 leaves the slope free (plain AIRL)."""
 
 
+class JudgedTask(Protocol):
+    """What a reward must know of its task."""
+
+    observation_size: int
+    action_size: int
+    history: int
+
+
 class RewardNetwork:
-    """`r(o, a)`: ReLU network on the scaled observation and the normalised action."""
+    """`r(o, a)`: ReLU network on the newest scaled observation and the normalised action.
+
+    A history of observations is for the policy: what a step is worth is seen in the step itself, and a reward that
+    judged five observations at once would have five times as many directions to be wrong in where nobody has been.
+    """
 
     def __init__(self, observation_size: int, action_size: int, *, hidden: int = 32, seed: int):
         generator = torch.Generator().manual_seed(seed)
@@ -44,14 +57,23 @@ class RewardNetwork:
         self.network = Mlp((observation_size + action_size, hidden, hidden, 1), "relu", generator=generator)
         self.optimiser = torch.optim.Adam([self.network.theta], fused=True)
 
+    @classmethod
+    def for_task(cls, task: JudgedTask, *, seed: int) -> RewardNetwork:
+        """An untrained reward for a task: one of its observations and its action."""
+        return cls(task.observation_size // task.history, task.action_size, seed=seed)
+
     @property
     def theta(self) -> torch.Tensor:
         """All parameters, flat; live."""
         return self.network.theta
 
     def value(self, samples: torch.Tensor) -> torch.Tensor:
-        """`r` (n,) of samples z = (scaled observation, action), (n, n_o + n_a)."""
-        return self.network.value(samples)[:, 0]
+        """`r` (n,) of samples z = (scaled observations, oldest first, action), (n, h n_o + n_a)."""
+        return self.network.value(self.judged(samples))[:, 0]
+
+    def judged(self, samples: torch.Tensor) -> torch.Tensor:
+        """The newest observation and the action (..., n_o + n_a) of samples (..., h n_o + n_a)."""
+        return samples[..., -self.network.sizes[0] :]
 
 
 Samples = tuple[torch.Tensor, torch.Tensor, np.ndarray]
@@ -84,13 +106,14 @@ def slope_penalty(network: Mlp, samples: torch.Tensor, *, bound: float) -> tuple
     return excess.square().mean(), gradient
 
 
-def _drawn(pool: Samples, rows: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-    """Samples (*rows.shape, n_o + n_a) and log π (*rows.shape) of the drawn rows."""
+def _drawn(
+    reward: RewardNetwork, pool: Samples, rows: torch.Tensor
+) -> tuple[torch.Tensor, torch.Tensor]:
+    """What the reward judges (*rows.shape, n_o + n_a) and log π (*rows.shape) of the drawn rows."""
     samples, log_probability, _ = pool
     flat = rows.reshape(-1)
-    return samples.index_select(0, flat).view(*rows.shape, -1), log_probability.index_select(0, flat).view(
-        rows.shape
-    )
+    judged = reward.judged(samples).index_select(0, flat).view(*rows.shape, -1)
+    return judged, log_probability.index_select(0, flat).view(rows.shape)
 
 
 @torch.no_grad()
@@ -106,8 +129,8 @@ def train_discriminator(
 ) -> dict[str, float]:
     """Fit the reward to tell expert from policy samples; returns the mean loss, accuracy and slope penalty.
 
-    `expert` and `policy` are each samples z (n, n_o + n_a), log π(a|o) (n,) under the present policy, and strata
-    (n,). Minibatches draw every stratum equally often, so that a short phase of the task teaches as much as a long one.
+    `expert` and `policy` are each samples z (n, h n_o + n_a), the log density log π(a|o) (n,) of the policy, or of
+    the mixture of policies, that drew the latter, and strata (n,). Minibatches draw every stratum equally often, so that a short phase of the task teaches as much as a long one.
     """
     network, optimiser, batch = reward.network, reward.optimiser, configuration.batch
     optimiser.param_groups[0]["lr"] = learning_rate
@@ -116,8 +139,8 @@ def train_discriminator(
     expert_rows, policy_rows = (stratified_rows(strata, shape, rng) for strata in (expert[2], policy[2]))
     mixture = torch.from_numpy(rng.random((*shape, 1), dtype=np.float32))
     # All minibatches at once, (steps, batch, ...): one gather instead of one a step.
-    expert_samples, expert_log = _drawn(expert, expert_rows)
-    policy_samples, policy_log = _drawn(policy, policy_rows)
+    expert_samples, expert_log = _drawn(reward, expert, expert_rows)
+    policy_samples, policy_log = _drawn(reward, policy, policy_rows)
     between = torch.lerp(policy_samples, expert_samples, mixture)
     samples = torch.cat([expert_samples, policy_samples], dim=1)
     log_probability = torch.cat([expert_log, policy_log], dim=1)

@@ -32,7 +32,7 @@ class TransferConfiguration:
     """Trust region δ [nats] at the first iteration."""
     divergence_final: float = 0.002
     """Trust region δ [nats] at the last iteration."""
-    anchor: float = 1.0
+    anchor: float = 0.3
     """Weight w of the trained policy's log π₀ beside the reward; a fresh policy has no anchor."""
     fresh: bool = False
     """Start from random weights instead of the trained policy."""
