@@ -226,6 +226,9 @@ def test_a_reward_judges_the_newest_observation():
     torch.testing.assert_close(learned[0].theta, learned[1].theta, rtol=0, atol=0)
     samples = pools[0][0]
     torch.testing.assert_close(learned[0].value(samples), learned[0].value(samples[:, 24:]))
+    for columns in (slice(25, None), slice(1, None)):
+        with pytest.raises(InputError, match="judges 12 of an observation and 6 of an action"):
+            learned[0].value(samples[:, columns])
 
 
 def run(learner, iterations: int) -> dict[str, torch.Tensor]:

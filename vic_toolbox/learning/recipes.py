@@ -84,8 +84,8 @@ _CUP_ON_PLATE_FORCE = replace(
 _PEG_SEARCH = replace(_CUP_ON_PLATE.airl.search, environments=40)
 
 # The peg jams if its tip swings by half a millimetre, so the reward has to be steep, and to remember how blunt policies
-# did. On strata the held-out error of the best cloning is a third: hence the gate. From a tilt of the other sign a policy
-# has far to go, and the reward is known best near what was shown: a long transfer that ends in small steps.
+# did. On strata the held-out error of the best cloning is a third: hence the gate. From a tilt of the other sign a
+# policy has far to go, and the reward is known best near what was shown: a long transfer that ends in small steps.
 _PEG_IN_HOLE = Recipe(
     airl=AirlConfiguration(
         slope_bound=15.0,

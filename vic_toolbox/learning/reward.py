@@ -20,6 +20,7 @@ from typing import Protocol
 import numpy as np
 import torch
 
+from vic_toolbox.errors import InputError
 from vic_toolbox.learning.networks import Mlp
 from vic_toolbox.learning.strata import stratified_rows
 
@@ -72,8 +73,20 @@ class RewardNetwork:
         return self.network.value(self.judged(samples))[:, 0]
 
     def judged(self, samples: torch.Tensor) -> torch.Tensor:
-        """The newest observation and the action (..., n_o + n_a) of samples (..., h n_o + n_a)."""
-        return samples[..., -self.network.sizes[0] :]
+        """The newest observation and the action (..., n_o + n_a) of samples (..., h n_o + n_a).
+
+        Raises
+        ------
+        InputError
+            Samples that are no history of such observations and an action: the reward is of another task.
+        """
+        judged, width = self.network.sizes[0], samples.shape[-1]
+        if width < judged or (width - judged) % self.observation_size:
+            raise InputError(
+                f"samples have {width} numbers; this reward judges {self.observation_size} of an observation and "
+                f"{judged - self.observation_size} of an action, after any number of earlier observations"
+            )
+        return samples[..., width - judged :]
 
 
 Samples = tuple[torch.Tensor, torch.Tensor, np.ndarray]
@@ -106,9 +119,7 @@ def slope_penalty(network: Mlp, samples: torch.Tensor, *, bound: float) -> tuple
     return excess.square().mean(), gradient
 
 
-def _drawn(
-    reward: RewardNetwork, pool: Samples, rows: torch.Tensor
-) -> tuple[torch.Tensor, torch.Tensor]:
+def _drawn(reward: RewardNetwork, pool: Samples, rows: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
     """What the reward judges (*rows.shape, n_o + n_a) and log π (*rows.shape) of the drawn rows."""
     samples, log_probability, _ = pool
     flat = rows.reshape(-1)
@@ -130,7 +141,8 @@ def train_discriminator(
     """Fit the reward to tell expert from policy samples; returns the mean loss, accuracy and slope penalty.
 
     `expert` and `policy` are each samples z (n, h n_o + n_a), the log density log π(a|o) (n,) of the policy, or of
-    the mixture of policies, that drew the latter, and strata (n,). Minibatches draw every stratum equally often, so that a short phase of the task teaches as much as a long one.
+    the mixture of policies, that drew the latter, and strata (n,). Minibatches draw every stratum
+    equally often, so that a short phase of the task teaches as much as a long one.
     """
     network, optimiser, batch = reward.network, reward.optimiser, configuration.batch
     optimiser.param_groups[0]["lr"] = learning_rate
