@@ -34,7 +34,7 @@ from numba import njit
 from numpy.typing import ArrayLike
 
 from vic_toolbox.control.experts import ThreePhaseExpert
-from vic_toolbox.errors import Array, InputError, integer, one_of
+from vic_toolbox.errors import Array
 from vic_toolbox.gains import DampingFactor, Parametrisation
 from vic_toolbox.tasks import rendering
 from vic_toolbox.tasks.cup_scene import (
@@ -53,6 +53,7 @@ from vic_toolbox.tasks.cup_scene import (
     robot,
     start_angles,
 )
+from vic_toolbox.tasks.impedance_task import ImpedanceTask, newest
 from vic_toolbox.tasks.simulation import ArmSimulation
 from vic_toolbox.tasks.starts import Scenario
 from vic_toolbox.tasks.task import SweepAxis
@@ -106,7 +107,7 @@ would tip.
 """
 
 
-class CupOnPlate:
+class CupOnPlate(ImpedanceTask):
     """The task: physics, action space, score, success and expert.
 
     Parameters
@@ -153,6 +154,7 @@ class CupOnPlate:
     sweeps: Mapping[str, SweepAxis] = MappingProxyType({})
     gains: Parametrisation = GAINS
     constants: Mapping[str, np.ndarray] = CONSTANTS
+    law_damping: Array = np.repeat([0.0, ROTATIONAL_DAMPING], 3)
     push: float = 5.0
     outcome_text: tuple[str, str] = ("the cup stands", "the cup does not stand")
     as_scenario = staticmethod(as_scenario)
@@ -165,19 +167,18 @@ class CupOnPlate:
         scenario: Any = "train",
         substeps: int | None = None,
     ) -> None:
-        self.action = one_of("action", action, ("gain", "force"))
-        self.history = integer("history", history, low=1)
+        super().__init__(
+            action=action,
+            history=history,
+            substeps=substeps,
+            observation_scale=OBSERVATION_SCALE,
+            observation_unit=np.ones(12),
+            wrench_unit=WRENCH_UNIT,
+            largest_force_action=LARGEST_FORCE_ACTION,
+        )
         self.scenario = as_scenario(scenario)
-        self.substeps = integer("substeps", type(self).substeps if substeps is None else substeps, low=1)
-        self.observation_size = 12 * self.history
-        self.observation_unit = np.ones(12)
-        self.observation_scale = np.tile(OBSERVATION_SCALE, self.history)
-        self.action_size, bound = (GAINS.size, 1.0) if action == "gain" else (6, LARGEST_FORCE_ACTION)
-        self.action_high = np.full(self.action_size, bound)
-        self.action_low = -self.action_high
         self.goal = np.array(GOAL)
         self.expert = ThreePhaseExpert(parametrisation=GAINS, far=FAR, near=NEAR)
-        self._middle, self._half = (GAINS.maximum + GAINS.minimum) / 2, (GAINS.maximum - GAINS.minimum) / 2
         start_angles(self.scenario.start)
 
     def with_action(self, action: str) -> CupOnPlate:
@@ -222,12 +223,8 @@ class CupOnPlate:
             r = -15.78\,\left(\lVert e\rVert^2\,[\lVert e_{pos}\rVert > 0.2]
                 + \lVert\dot e\rVert^2\,[\lVert e_{pos}\rVert \le 0.4]\right)
         """
-        last = _newest(observations)
+        last = newest(observations)
         return _reward(last.reshape(-1, 12)).reshape(last.shape[:-1])
-
-    def score(self, observations: ArrayLike) -> Array:
-        """Sum of the rewards of T steps, (...), from the observations (T, ..., 12 h) at which they begin."""
-        return self.reward(observations).sum(axis=0)
 
     def success(self, observations: ArrayLike, peak_force: ArrayLike) -> Array:
         """Whether the cup has been delivered: near the goal, upright, at rest, and never pressed hard.
@@ -244,7 +241,7 @@ class CupOnPlate:
         ndarray of bool, shape (...)
             Within 25 mm of the goal, tilted by less than 10°, slower than 20 mm/s, never above 25 N.
         """
-        last = _newest(observations)
+        last = newest(observations)
         distance, speed = (np.linalg.norm(last[..., k : k + 3], axis=-1) for k in (0, 6))
         tilt = np.linalg.norm(last[..., 3:5], axis=-1)  # turning about the vertical does not tilt
         return (distance < CLOSE) & (tilt < UPRIGHT) & (speed < RESTING) & (np.asarray(peak_force) < SOFT)
@@ -266,53 +263,13 @@ class CupOnPlate:
 
         Learning looks at every step of the way alike, however long the arm dwells there.
         """
-        distance = np.linalg.norm(_newest(observations)[..., :3], axis=-1)
+        distance = np.linalg.norm(newest(observations)[..., :3], axis=-1)
         return np.minimum(10.0 * distance, 8.0).astype(np.int64)
 
-    def expert_action(self, observations: ArrayLike) -> Array:
-        """Action of the three-phase expert, (..., action_size), for observations (..., 12 h)."""
-        return self.gains_to_action(self.expert.parameters(observations), observations)
-
-    def constant_action(self, observations: ArrayLike | None = None, *, which: str = "constant") -> Array:
-        """Action of one of the constant gains of :data:`CONSTANTS`.
-
-        Without observations (gain space only) one action, (action_size,); with them (..., 12 h) one for each.
-        """
-        parameters = CONSTANTS[one_of("constant gain", which, CONSTANTS)]
-        if observations is None:
-            if self.action == "force":
-                raise InputError(
-                    "a constant gain gives another wrench at each observation; pass the observations."
-                )
-            return GAINS.parameters_to_action(parameters)
-        many = np.broadcast_to(parameters, (*np.shape(observations)[:-1], GAINS.size))
-        return self.gains_to_action(many, observations)
-
-    def gains_to_action(self, parameters: Array, observations: ArrayLike) -> Array:
-        """Action with the effect of gain parameters (..., 7) at the observations (..., 12 h).
-
-        In the force space it is −K e − B ė without the rotational damping, which the law adds itself.
-        """
-        if self.action == "gain":
-            return GAINS.parameters_to_action(parameters)
-        last = _newest(observations)
-        wrench = -parameters[..., :6] * last[..., :6]
-        wrench[..., :3] -= parameters[..., 6:] * np.sqrt(parameters[..., :3]) * last[..., 6:9]
-        return np.clip(wrench / WRENCH_UNIT, self.action_low, self.action_high)
-
-    def wrench_to_action(self, wrench: Array, observations: ArrayLike) -> Array:
-        """Force action with which arm and law give the whole feedback wrench (..., 6) [N, Nm] at the observations.
-
-        The law adds the rotational damping itself.
-        """
-        own = np.array(wrench)
-        own[..., 3:] += ROTATIONAL_DAMPING * _newest(observations)[..., 9:]
-        return np.clip(own / WRENCH_UNIT, self.action_low, self.action_high)
-
-
-def _newest(observations: ArrayLike) -> Array:
-    """The last (e, ė) of each row, (..., 12), contiguous."""
-    return np.ascontiguousarray(np.asarray(observations, dtype=np.float64)[..., -12:])
+    def _feedback(self, parameters: Array, error: Array) -> Array:
+        wrench = -parameters[..., :6] * error[..., :6]
+        wrench[..., :3] -= parameters[..., 6:] * np.sqrt(parameters[..., :3]) * error[..., 6:9]
+        return wrench
 
 
 @njit(cache=True)

@@ -35,10 +35,11 @@ from numba import njit
 from numpy.typing import ArrayLike
 
 from vic_toolbox.control.experts import TipStiffnessExpert
-from vic_toolbox.errors import Array, InputError, finite_array, integer, one_of
+from vic_toolbox.errors import Array, InputError, finite_array
 from vic_toolbox.gains import DiagonalStiffness, Parametrisation
 from vic_toolbox.spatial import rotation_exp, rotation_to_quat_wxyz
 from vic_toolbox.tasks import peg_picture
+from vic_toolbox.tasks.impedance_task import ImpedanceTask, newest
 from vic_toolbox.tasks.peg_scene import (
     CHAMFER,
     DAMPING,
@@ -112,7 +113,7 @@ SWEEPS: Mapping[str, SweepAxis] = MappingProxyType({
 """Difficulty sweeps."""
 
 
-class PegInHole:
+class PegInHole(ImpedanceTask):
     """The task: physics, action space, score, success and expert.
 
     Parameters
@@ -160,6 +161,7 @@ class PegInHole:
     gains: Parametrisation = GAINS
     constants: Mapping[str, Array] = CONSTANTS
     sweeps: Mapping[str, SweepAxis] = SWEEPS
+    law_damping: Array = np.array(DAMPING)
     push: float = 0.4
     outcome_text: tuple[str, str] = ("the peg is in", "the peg is not in")
     as_scenario = staticmethod(as_scenario)
@@ -173,23 +175,22 @@ class PegInHole:
         wedges: int | None = None,
         substeps: int | None = None,
     ) -> None:
-        self.action = one_of("action", action, ("gain", "force"))
-        self.history = integer("history", history, low=1)
         self.scenario = as_scenario(scenario)
-        self.wedges = wedges
-        self.substeps = integer("substeps", type(self).substeps if substeps is None else substeps, low=1)
-        self.observation_size = 12 * self.history
-        self.observation_scale = np.tile(OBSERVATION_SCALE, self.history)
-        self.action_size = 6
-        self.action_high = np.full(6, 1.0 if action == "gain" else LARGEST_FORCE_ACTION)
-        self.action_low = -self.action_high
         scale = self.scenario.scale
-        self.observation_unit = np.repeat([scale, 1.0, scale, 1.0], 3)
-        self.wrench_unit = WRENCH_UNIT * self.observation_unit[:6]
+        unit = np.repeat([scale, 1.0, scale, 1.0], 3)
+        super().__init__(
+            action=action,
+            history=history,
+            substeps=substeps,
+            observation_scale=OBSERVATION_SCALE,
+            observation_unit=unit,
+            wrench_unit=WRENCH_UNIT * unit[:6],
+            largest_force_action=LARGEST_FORCE_ACTION,
+        )
+        self.wedges = wedges
         self.tip = (0.0, 0.0, -scale * TIP_DISTANCE)
         self.goal = np.array([0.0, 0.0, scale * (TIP_DISTANCE - GOAL_DEPTH)])
         self.expert = TipStiffnessExpert(parametrisation=GAINS, offset=self.tip, tip_stiffness=TIP_STIFFNESS)
-        self._middle, self._half = (GAINS.maximum + GAINS.minimum) / 2, (GAINS.maximum - GAINS.minimum) / 2
 
     def with_action(self, action: str) -> PegInHole:
         """The same task in another action space."""
@@ -272,17 +273,13 @@ class PegInHole:
         Minus the distance of the tip to the goal depth, at scale 1 [m], while the tip is aligned with the hole,
         that is within the chamfer's reach of its axis; −0.05 while it is not.
         """
-        last = finite_array("observations", _newest(observations), shape=(..., 12))
+        last = finite_array("observations", newest(observations), shape=(..., 12))
         rows = np.ascontiguousarray(last.reshape(-1, 12))
         return _reward(rows).reshape(last.shape[:-1])
 
-    def score(self, observations: ArrayLike) -> Array:
-        """Sum of the rewards of T steps, (...), from the observations (T, ..., 12 h) at which they begin."""
-        return self.reward(observations).sum(axis=0)
-
     def success(self, observations: ArrayLike) -> np.ndarray:
         """Whether the peg is in: its height less than 1 mm (at scale 1) off the goal, shape (...)."""
-        return np.abs(_newest(observations)[..., 2]) < SUCCESS
+        return np.abs(newest(observations)[..., 2]) < SUCCESS
 
     def outcome(self, simulation: PegSimulation, observations: Array) -> dict[str, np.ndarray]:
         """End of an episode, (n,) each: ``success``, ``stopped``, ``distance`` [m] and ``peak_force`` [N]."""
@@ -300,58 +297,14 @@ class PegInHole:
         Learning looks at each octave alike: half a millimetre off needs its own answer as much as five, and a peg
         that is in, where an episode spends most of its time, is one of six parts of the way.
         """
-        last = _newest(observations)
+        last = newest(observations)
         lateral = np.linalg.norm(last[..., :2], axis=-1) / TIP_DISTANCE
         misalignment = np.maximum(np.linalg.norm(last[..., 3:5], axis=-1), lateral)
         octave = np.log2(np.maximum(misalignment / SMALLEST_MISALIGNMENT, 1.0))
         return np.minimum(octave, 5.0).astype(np.int64)
 
-    def expert_action(self, observations: ArrayLike) -> Array:
-        """Action of the tip-stiffness expert, (..., 6), for observations (..., 12 h)."""
-        return self.gains_to_action(self.expert.parameters(self._error(observations)), observations)
-
-    def constant_action(self, observations: ArrayLike | None = None, *, which: str = "constant") -> Array:
-        """Action of one of the constant gains of :data:`CONSTANTS`.
-
-        Without observations (gain space only) one action, (6,); with them (..., 12 h) one for each.
-        """
-        parameters = CONSTANTS[one_of("constant gain", which, CONSTANTS)]
-        if observations is None:
-            if self.action == "force":
-                raise InputError(
-                    "a constant gain gives another wrench at each observation; pass the observations."
-                )
-            return GAINS.parameters_to_action(parameters)
-        many = np.broadcast_to(parameters, (*np.shape(observations)[:-1], 6))
-        return self.gains_to_action(many, observations)
-
-    def gains_to_action(self, parameters: Array, observations: ArrayLike) -> Array:
-        """Action with the effect of stiffnesses (..., 6) at the observations (..., 12 h).
-
-        In the force space it is −K e; the law adds the damping itself.
-        """
-        if self.action == "gain":
-            return GAINS.parameters_to_action(parameters)
-        return self._force_action(-parameters * self._error(observations)[..., :6])
-
-    def wrench_to_action(self, wrench: Array, observations: ArrayLike) -> Array:
-        """Force action with which the law gives the whole feedback wrench (..., 6) [N, Nm] at the observations.
-
-        The law adds the damping itself.
-        """
-        return self._force_action(wrench + np.array(DAMPING) * self._error(observations)[..., 6:])
-
-    def _error(self, observations: ArrayLike) -> Array:
-        """The newest (e, ė), (..., 12), in SI units."""
-        return _newest(observations) * self.observation_unit
-
-    def _force_action(self, wrench: Array) -> Array:
-        return np.clip(wrench / self.wrench_unit, self.action_low, self.action_high)
-
-
-def _newest(observations: ArrayLike) -> Array:
-    """The last (e, ė) of each row, (..., 12), in units of the part."""
-    return np.asarray(observations, dtype=np.float64)[..., -12:]
+    def _feedback(self, parameters: Array, error: Array) -> Array:
+        return -parameters * error[..., :6]
 
 
 @njit(cache=True, error_model="numpy")
