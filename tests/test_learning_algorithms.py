@@ -29,8 +29,8 @@ from vic_toolbox.learning import (
     save_policy,
     save_reward,
 )
-from vic_toolbox.learning.airl import log_density
 from vic_toolbox.learning.checkpoints import load_tensors, save_tensors
+from vic_toolbox.learning.replay import Mixture
 from vic_toolbox.learning.reward import train_discriminator
 from vic_toolbox.learning.strata import stratified_rows
 
@@ -153,9 +153,9 @@ def test_the_density_of_a_mixture_integrates_to_one():
     state = torch.randn(3, generator=torch.Generator().manual_seed(4))
     actions = torch.linspace(-6.0, 6.0, 4001)[:, None]
     samples = torch.cat([state.expand(4001, 3), actions], dim=1)
-    density = log_density(policies, weights, samples).exp()
+    density = Mixture(policies, weights).log_density(samples).exp()
     assert float(torch.trapezoid(density, actions[:, 0])) == pytest.approx(1.0, abs=1e-5)
-    each = [log_density([policy], torch.ones(1), samples).exp() for policy in policies]
+    each = [Mixture([policy], torch.ones(1)).log_density(samples).exp() for policy in policies]
     torch.testing.assert_close(density, sum(w * one for w, one in zip(weights, each, strict=True)))
     mean = policies[0].network.value(state[None])
     alone = policies[0].log_probability(mean, policies[0].log_std, actions)
@@ -179,20 +179,20 @@ def test_replayed_samples_do_not_move_the_reward_of_an_expert_that_is_matched():
     own = torch.cat([drawn(policies[1], count // 2), drawn(policies[0], count // 2)])
     found = {}
     for name, mixture in {"mixture": policies, "present": policies[1:]}.items():
-        weights = torch.full((len(mixture),), 1.0 / len(mixture))
+        density = Mixture(mixture, torch.full((len(mixture),), 1.0 / len(mixture))).log_density
         reward = RewardNetwork(2, 1, seed=0)
         for rate in (3e-3, 5e-4):
             train_discriminator(
                 reward,
-                (expert, log_density(mixture, weights, expert), np.zeros(count, dtype=int)),
-                (own, log_density(mixture, weights, own), np.zeros(count, dtype=int)),
+                (expert, density(expert), np.zeros(count, dtype=int)),
+                (own, density(own), np.zeros(count, dtype=int)),
                 slope_bound=1e9,
                 learning_rate=rate,
                 configuration=DiscriminatorConfiguration(steps=800, penalty=0.0),
                 rng=np.random.default_rng(2),
             )
         tried = drawn(policies[0], 2000)
-        truth = log_density(policies[:1], torch.ones(1), tried)
+        truth = Mixture(policies[:1], torch.ones(1)).log_density(tried)
         found[name] = float((reward.value(tried) - truth).square().mean().sqrt())
     assert found["mixture"] < 0.16, found
     assert found["present"] > 3 * found["mixture"]

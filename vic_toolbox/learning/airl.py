@@ -5,9 +5,7 @@ rollouts with it, take one TRPO step, all with even weight for every part of the
 are added to the textbook algorithm, all decided without looking at a task's score, the last three for a
 deterministic expert:
 
-* the discriminator also sees samples of earlier policies (replay), so that the reward does not forget them, and
-  compares with the density of the mixture that drew what it sees, `D = exp r / (exp r + Σ w_k π_k)`: with the present
-  policy's density alone, r would be off by `log (π / Σ w_k π_k)`, away from whatever earlier policies did;
+* the discriminator also sees samples of earlier policies (`replay`), so that the reward does not forget them;
 * expert actions carry Gaussian noise, drawn anew each iteration, so that a density ratio exists;
 * the slope bound, the trust region, the reward's step size and that noise are *sharpened* (moved geometrically to
   their final values) once the action error on held-out expert states is small, not at a fixed iteration;
@@ -19,7 +17,6 @@ Sources: Fu, Luo, Levine, ICLR 2018; Zhang et al., section III of the paper (doc
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import torch
@@ -34,6 +31,7 @@ from vic_toolbox.learning.policy_search import (
     random_stream,
     restore,
 )
+from vic_toolbox.learning.replay import Replay
 from vic_toolbox.learning.reward import DiscriminatorConfiguration, RewardNetwork, train_discriminator
 from vic_toolbox.learning.rollouts import BatchedEnvironment
 
@@ -129,9 +127,10 @@ class Airl:
         self.search = PolicySearch(self.environment, policy, configuration=settings.search, seed=seed)
         self.reward = RewardNetwork.for_task(task, seed=seed + 2)
         self.reward_average = self.reward.theta.clone()
-        rows = settings.replay and len(range(0, settings.search.environments * task.horizon, 5))
-        self.replay = torch.zeros(settings.replay, rows, task.observation_size + task.action_size)
-        self.replayed = torch.zeros(settings.replay, len(policy.theta))  # the policies that drew them
+        rows, width = settings.search.environments * task.horizon, task.observation_size + task.action_size
+        self.replay = Replay(
+            settings.replay, stride=settings.replay_stride, policy=policy, shape=(rows, width)
+        )
         self.expert_strata = task.strata(policy.unscaled(self.expert.training[0]))
         self.iteration.zero_()
         self.sharpness.zero_()
@@ -199,24 +198,18 @@ class Airl:
         inputs, actions = self.expert.training
         noisy = actions + noise * torch.from_numpy(rng.standard_normal(actions.shape, dtype="float32"))
         expert = torch.cat([inputs, noisy], dim=1)
-        known = min(-(-index // settings.replay_stride), settings.replay)
-        own = torch.cat([batch.samples, *self.replay[:known]])
-        mixture = [policy, *(policy.copy(theta) for theta in self.replayed[:known])]
-        weights = torch.tensor([len(batch.samples), *[self.replay.shape[1]] * known]) / len(own)
+        own, mixture = self.replay.mixed(batch.samples, policy, iteration=index)
         own_strata = self.environment.task.strata(policy.unscaled(own[:, : inputs.shape[1]]))
         metrics = train_discriminator(
             self.reward,
-            (expert, log_density(mixture, weights, expert), self.expert_strata),
-            (own, log_density(mixture, weights, own), own_strata),
+            (expert, mixture.log_density(expert), self.expert_strata),
+            (own, mixture.log_density(own), own_strata),
             slope_bound=self._sharpened(settings.slope_bound, settings.slope_bound_final),
             learning_rate=self._sharpened(settings.learning_rate, settings.learning_rate_final),
             configuration=settings.discriminator,
             rng=rng,
         )
-        if settings.replay and index % settings.replay_stride == 0:
-            oldest = index // settings.replay_stride % settings.replay
-            self.replay[oldest] = batch.samples[::5]
-            self.replayed[oldest] = policy.theta
+        self.replay.keep(batch.samples, policy, iteration=index)
         return metrics
 
     def state(self) -> dict[str, torch.Tensor]:
@@ -230,10 +223,9 @@ class Airl:
             "best_error": self.best_error,
             "best_policy": self.best_policy,
             "best_reward": self.best_reward,
-            "replay": self.replay,
-            "replayed": self.replayed,
             "reward": self.reward.theta,
             "reward_average": self.reward_average,
+            **{f"replay.{name}": value for name, value in self.replay.state().items()},
             **{f"reward.{name}": value for name, value in adam_state(self.reward.optimiser).items()},
             **{f"search.{name}": value for name, value in self.search.state().items()},
         }
@@ -250,13 +242,3 @@ class Airl:
         reward = RewardNetwork.for_task(self.environment.task, seed=0)
         reward.theta.copy_(self.best_reward)
         return policy, reward
-
-
-def log_density(
-    policies: Sequence[GaussianPolicy], weights: torch.Tensor, samples: torch.Tensor
-) -> torch.Tensor:
-    """`log Σ w_k π_k(a|o)` (n,) of samples (o, a), (n, n_o + n_a), under a mixture of policies."""
-    size = policies[0].action_size
-    inputs, actions = samples.split([samples.shape[1] - size, size], dim=1)
-    each = [p.log_probability(p.network.value(inputs), p.log_std, actions) for p in policies]
-    return torch.logsumexp(torch.stack(each) + weights.log()[:, None], dim=0)
