@@ -425,7 +425,7 @@ display(gains_over_time(traces))
 compare(policies, list(task.scenarios))
 
 # %% [markdown]
-# All of them carry over: AIRL loses a few per cent, and cloning even beats the expert at its own score.
+# All of them carry over: AIRL is within two per cent, and cloning even beats the expert at its own score.
 # On four starts the two can hardly be told apart. So try starts on rings all around the plate, wherever
 # the arm can begin:
 
@@ -542,9 +542,10 @@ plt.show()
 
 # %% [markdown]
 # **What to see.** Left, at T3: a policy of random weights, which has never seen a demonstration or a
-# score, ends level with the expert on the learned reward alone. The trained one loses a part of its gap: it is
-# *anchored*, that is, a quarter of what it is optimised for is to stay what it is, which keeps it from following the
-# reward where that is wrong. Under the random reward nothing of the kind happens. Right, on the other side:
+# score, ends level with the expert on the learned reward alone. Under the random one it comes closer too, for the
+# middle of the range is not hard to beat, but it stops at 5 %. The trained policy is level from the beginning; the
+# learned reward leaves it there, the random one takes it away. (It is *anchored*: a quarter of what it is optimised
+# for is to stay what it is, which keeps it from following a reward too far.) Right, on the other side:
 # the learned reward makes things *worse*. It is wrong there (section 5), and an optimiser finds what is
 # wrong: the fresh policy begins with gains in the middle of the range, and ends as soft as the reward
 # wants it.

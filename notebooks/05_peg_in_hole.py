@@ -644,9 +644,10 @@ plt.show()
 # never seen a demonstration, nor a success, learns to insert the peg in every trial; under the random one
 # it comes past a success by chance and leaves it again. The reward carries the skill.
 #
-# Right, at +2°, where the reward was never taught: it takes the trained policy to the end, and a fresh one
-# most of the way. **What falls short:** with other seeds a fresh policy may fail there. What would help is not
-# a better optimiser but demonstrations that lean to both sides. (How far ahead the optimiser looks matters
+# Right, at +2°, where the reward was never taught: it takes the trained policy from a third of the trials to all
+# of them. **What falls short:** a fresh policy gets nowhere there. The reward still tells better from worse near what
+# a trained policy does, and no longer leads to it from afar; what would help are demonstrations that lean to both
+# sides. (How far ahead the optimiser looks matters
 # too: with the short horizon that imitates best, a tenth of a second, the trained policy would *lose* at +2°
 # what it has. Each step looks good by itself, and the peg lands a quarter of a second later.)
 #
