@@ -176,6 +176,7 @@ for name in ("Gain-AIRL", "Gain-AIRL-His", "Force-AIRL", "Gain-BC", "Force-BC"):
 # Where Gain-AIRL falls short of the paper, the interval says how much that means: the paper's number may lie inside.
 
 # %%
+short = []
 for table in PUBLISHED:
     metric = METRICS[table.metric]
     for name in ("Gain-AIRL", "Gain-AIRL-His"):
@@ -183,10 +184,11 @@ for table in PUBLISHED:
             if cell["mean"] is None or cell["paper"] is None or metric.reaches(cell["mean"], cell["paper"]):
                 continue
             inside = cell["low"] is not None and cell["low"] <= cell["paper"] <= cell["high"]
-            print(
-                f"Table {table.name}, {name}, {scenario}: {text(cell).replace('<br>', ', ')}",
-                "(inside)" * inside,
+            short.append(
+                f"Table {table.name}, {name}, {scenario}: {text(cell).replace('<br>', ', ')}"
+                + " (inside)" * inside
             )
+print(*short or ["in no cell"], sep="\n")
 
 # %% [markdown]
 # ## 3 · Honest numbers

@@ -8,6 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from hypothesis import given
+from hypothesis import strategies as st
 
 from tests.toy_task import ToyEnvironment, toy_expert
 from vic_toolbox import tasks
@@ -30,7 +32,7 @@ from vic_toolbox.learning import (
     save_reward,
 )
 from vic_toolbox.learning.checkpoints import load_tensors, save_tensors
-from vic_toolbox.learning.replay import Mixture
+from vic_toolbox.learning.replay import Mixture, Replay
 from vic_toolbox.learning.reward import train_discriminator
 from vic_toolbox.learning.strata import stratified_rows
 
@@ -160,6 +162,27 @@ def test_the_density_of_a_mixture_integrates_to_one():
     mean = policies[0].network.value(state[None])
     alone = policies[0].log_probability(mean, policies[0].log_std, actions)
     torch.testing.assert_close(each[0], alone.exp())
+
+
+@given(count=st.integers(0, 4), stride=st.integers(1, 3), iterations=st.integers(0, 16))
+def test_a_replay_holds_the_last_few_of_every_so_many_iterations(count, stride, iterations):
+    """Each with the policy that drew it, and a share of what is seen as large as its part of the samples."""
+    policy = GaussianPolicy(np.ones(2), 1, hidden=2, log_std=0.0, seed=0)
+    replay = Replay(count, stride=stride, policy=policy, shape=(10, 3))
+
+    def drawn(iteration: int) -> torch.Tensor:
+        policy.theta.fill_(float(iteration))
+        return torch.full((10, 3), float(iteration))
+
+    for iteration in range(iterations):
+        replay.keep(drawn(iteration), policy, iteration=iteration)
+    every, mixture = replay.mixed(drawn(iterations), policy, iteration=iterations)
+    earlier = set(list(range(0, iterations, stride))[-count:] if count else [])
+    assert float(mixture.policies[0].theta[0]) == iterations
+    assert {float(one.theta[0]) for one in mixture.policies[1:]} == earlier
+    rows = torch.cat([torch.full((10,), float(iterations)), *(torch.full((2,), float(i)) for i in earlier)])
+    torch.testing.assert_close(every[:, 0].sort().values, rows.sort().values)
+    torch.testing.assert_close(mixture.weights, torch.tensor([10.0, *[2.0] * len(earlier)]) / len(rows))
 
 
 def test_replayed_samples_do_not_move_the_reward_of_an_expert_that_is_matched():
