@@ -60,6 +60,7 @@ class LinearTask:
     """What a learner may know of the task; the expert is a saturated linear feedback."""
 
     name = "linear-system"
+    history = 1
 
     def __init__(self, workload: Workload):
         self.horizon = workload.horizon
