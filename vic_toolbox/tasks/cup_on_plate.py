@@ -155,6 +155,7 @@ class CupOnPlate(ImpedanceTask):
     gains: Parametrisation = GAINS
     constants: Mapping[str, np.ndarray] = CONSTANTS
     law_damping: Array = np.repeat([0.0, ROTATIONAL_DAMPING], 3)
+    expert: ThreePhaseExpert
     push: float = 5.0
     outcome_text: tuple[str, str] = ("the cup stands", "the cup does not stand")
     as_scenario = staticmethod(as_scenario)

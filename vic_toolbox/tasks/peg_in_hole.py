@@ -162,6 +162,7 @@ class PegInHole(ImpedanceTask):
     constants: Mapping[str, Array] = CONSTANTS
     sweeps: Mapping[str, SweepAxis] = SWEEPS
     law_damping: Array = np.array(DAMPING)
+    expert: TipStiffnessExpert
     push: float = 0.4
     outcome_text: tuple[str, str] = ("the peg is in", "the peg is not in")
     as_scenario = staticmethod(as_scenario)
