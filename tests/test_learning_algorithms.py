@@ -185,6 +185,12 @@ def test_a_replay_holds_the_last_few_of_every_so_many_iterations(count, stride, 
     torch.testing.assert_close(mixture.weights, torch.tensor([10.0, *[2.0] * len(earlier)]) / len(rows))
 
 
+@pytest.mark.parametrize("wrong", [{"replay": -1}, {"replay_stride": 0}])
+def test_a_replay_that_is_none_is_refused(wrong):
+    with pytest.raises(InputError, match=next(iter(wrong))):
+        AirlConfiguration(**wrong)
+
+
 def test_replayed_samples_do_not_move_the_reward_of_an_expert_that_is_matched():
     """Expert and replay are both π_0, the learner has moved on: r must be log π_0 wherever the samples are.
 

@@ -21,6 +21,7 @@ from dataclasses import dataclass, field
 
 import torch
 
+from vic_toolbox.errors import integer
 from vic_toolbox.learning.expert_data import ExpertData
 from vic_toolbox.learning.networks import GaussianPolicy
 from vic_toolbox.learning.policy_search import (
@@ -76,6 +77,11 @@ class AirlConfiguration:
     """The policy's improvement."""
     discriminator: DiscriminatorConfiguration = field(default_factory=DiscriminatorConfiguration)
     """The reward's update."""
+
+    def __post_init__(self) -> None:
+        """Refuse a replay that is none."""
+        integer("replay", self.replay, low=0)
+        integer("replay_stride", self.replay_stride, low=1)
 
 
 class Airl:
