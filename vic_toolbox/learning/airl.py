@@ -123,17 +123,12 @@ class Airl:
     def _begin_attempt(self) -> None:
         settings, task = self.configuration, self.environment.task
         seed = int(random_stream(self.seed, 3, int(self.attempt)).integers(2**31))
-        policy = GaussianPolicy(
-            task.observation_scale,
-            task.action_size,
-            hidden=settings.search.hidden,
-            log_std=settings.search.log_std,
-            seed=seed,
-        )
-        self.search = PolicySearch(self.environment, policy, configuration=settings.search, seed=seed)
+        search = settings.search
+        policy = GaussianPolicy.for_task(task, hidden=search.hidden, log_std=search.log_std, seed=seed)
+        self.search = PolicySearch(self.environment, policy, configuration=search, seed=seed)
         self.reward = RewardNetwork.for_task(task, seed=seed + 2)
         self.reward_average = self.reward.theta.clone()
-        rows, width = settings.search.environments * task.horizon, task.observation_size + task.action_size
+        rows, width = search.environments * task.horizon, task.observation_size + task.action_size
         self.replay = Replay(
             settings.replay, stride=settings.replay_stride, policy=policy, shape=(rows, width)
         )

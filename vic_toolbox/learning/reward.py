@@ -141,8 +141,8 @@ def train_discriminator(
     """Fit the reward to tell expert from policy samples; returns the mean loss, accuracy and slope penalty.
 
     `expert` and `policy` are each samples z (n, h n_o + n_a), the log density log π(a|o) (n,) of the policy, or of
-    the mixture of policies, that drew the latter, and strata (n,). Minibatches draw every stratum
-    equally often, so that a short phase of the task teaches as much as a long one.
+    the mixture of policies, that drew the latter, and strata (n,). Minibatches draw every stratum equally often, so
+    that a short phase of the task teaches as much as a long one.
     """
     network, optimiser, batch = reward.network, reward.optimiser, configuration.batch
     optimiser.param_groups[0]["lr"] = learning_rate

@@ -206,7 +206,9 @@ class CupOnPlate(ImpedanceTask):
         if self.action == "gain":
             _set_gains(actions, self._middle, self._half, simulation.stiffness, simulation.damping)
         else:
-            np.multiply(actions.clip(self.action_low, self.action_high), WRENCH_UNIT, out=simulation.wrench)
+            np.multiply(
+                actions.clip(self.action_low, self.action_high), self.wrench_unit, out=simulation.wrench
+            )
 
     def picture_spec(self) -> mujoco.MjSpec:
         """The scene with everything that the eye wants, for :mod:`vic_toolbox.tasks.rendering`."""

@@ -275,8 +275,7 @@ class PegInHole(ImpedanceTask):
         that is within the chamfer's reach of its axis; −0.05 while it is not.
         """
         last = finite_array("observations", newest(observations), shape=(..., 12))
-        rows = np.ascontiguousarray(last.reshape(-1, 12))
-        return _reward(rows).reshape(last.shape[:-1])
+        return _reward(last.reshape(-1, 12)).reshape(last.shape[:-1])
 
     def success(self, observations: ArrayLike) -> np.ndarray:
         """Whether the peg is in: its height less than 1 mm (at scale 1) off the goal, shape (...)."""
