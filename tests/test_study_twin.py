@@ -232,7 +232,7 @@ TABLE: dict[str, Any] = {
     "task": "cup-on-plate",
     "metric": "deviation",
     "scenarios": ["train", "T2"],
-    "controls": ["no-transfer", "human", "true-gains"],
+    "controls": ["no-transfer", "random", "untrained", "human", "true-gains"],
     "session": {"count": 4, "fits": ["windows", "smooth"]},
     "paper": {"Gain-AIRL": [12.6, 13.4], "Force-BC": [35.2]},
 }
@@ -245,7 +245,7 @@ def study(*tables: dict[str, Any], seeds: tuple[int, ...] = (1,)) -> Any:
 def test_the_plan_goes_from_the_session_over_the_simulation_back_to_the_twin():
     plan = make_plan(study(TABLE, TABLE | {"name": "V", "metric": "final deviation"}, seeds=(1, 2)))
     kinds = [cell.kind for cell in plan.cells]
-    assert (kinds.count("session"), kinds.count("train"), kinds.count("transfer")) == (2, 12, 6)
+    assert (kinds.count("session"), kinds.count("train"), kinds.count("transfer")) == (2, 12, 12)
     by_row = {(e.table, e.row, e.scenario, e.seed): plan.by_name[e.cell] for e in plan.entries}
     moved = by_row["IV", "Gain-AIRL", "T2", 1]
     chain = [moved]
@@ -255,6 +255,9 @@ def test_the_plan_goes_from_the_session_over_the_simulation_back_to_the_twin():
     assert by_row["V", "Gain-AIRL", "T2", 1] == moved
     stayed = by_row["IV", "Gain-AIRL, no transfer", "T2", 1]
     assert [plan.by_name[name].kind for name in stayed.needs] == ["train"]
+    (aimless,) = by_row["IV", "Gain-AIRL, smooth fit, random reward", "T2", 2].needs
+    assert (plan.by_name[aimless].kind, plan.by_name[aimless].settings["reward"]) == ("transfer", "random")
+    assert by_row["V", "Force, untrained with noise", "train", 2].settings["policy"] == {"untrained": 2}
     assert by_row["IV", "Gain-BC, smooth fit", "T2", 2].settings["robot"] == 2
     labels = {cell.settings["demonstrations"]["file"] for cell in plan.cells if cell.kind == "train"}
     assert labels == {"windows.npz", "smooth.npz", "wrench.npz"}
@@ -268,7 +271,7 @@ def test_the_plan_goes_from_the_session_over_the_simulation_back_to_the_twin():
 @pytest.mark.parametrize(
     ("change", "text"),
     [({"session": None}, "session is missing"), ({"sweeps": ["start"]}, "sweeps is not made on the digital twin"),
-     ({"halved_step": ["T2"]}, "halved_step is not made"), ({"controls": ["random"]}, "controls has 'random'"),
+     ({"halved_step": ["T2"]}, "halved_step is not made"), ({"controls": ["fresh"]}, "controls has 'fresh'"),
      ({"task": "peg-in-hole", "scenarios": ["train"], "paper": {}}, "twin does Cup-on-Plate"),
      ({"metric": "difference", "controls": [], "paper": {}}, "session is of tables of deviations"),
      ({"paper": {"Gain-BC": [1.0, 2.0, 3.0]}}, "3 numbers"), ({"session": {"cuont": 3}}, "did you mean 'count'")],

@@ -18,7 +18,7 @@ from vic_toolbox.experiments.session_settings import SessionSettings
 from vic_toolbox.experiments.study.strict import check_distinct, check_known, read
 
 CONTROLS = ("no-transfer", "random", "fresh", "fresh-random", "untrained", "expert", "middle", "matched")
-TWIN_CONTROLS = ("no-transfer", "human", "true-gains")
+TWIN_CONTROLS = ("no-transfer", "random", "untrained", "human", "true-gains")
 METRICS = ("success", "difference", "deviation", "final deviation")
 TWIN_METRICS = METRICS[2:]
 """Of policies on the digital twin, see :mod:`~vic_toolbox.experiments.study.twin_table`."""

@@ -6,18 +6,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from vic_toolbox import tasks
 from vic_toolbox.errors import InputError
-from vic_toolbox.experiments.configuration import default_configuration
-from vic_toolbox.experiments.evaluation import Act, Policy, evaluate
+from vic_toolbox.experiments.evaluation import Policy, evaluate
 from vic_toolbox.experiments.skill import load_skill
 from vic_toolbox.experiments.study.cell import Cell
 from vic_toolbox.experiments.study.kinds import needed_folder
-from vic_toolbox.experiments.training import untrained_policy
-from vic_toolbox.learning import GaussianPolicy
-from vic_toolbox.learning.policy_search import random_stream
+from vic_toolbox.experiments.study.untrained import untrained
 from vic_toolbox.tasks import Task
 
 
@@ -45,23 +40,8 @@ def _policy(settings: Mapping[str, Any], task: Task, study: Path) -> Policy:
     if kind == "baseline":
         return Policy.expert(task) if which == "expert" else Policy.constant(task, which=which)
     if kind == "untrained":
-        run = default_configuration(
-            settings["task"], "airl", action=settings["action"], history=settings["history"], seed=which
-        )
-        explorer = _explorer(untrained_policy(run, task), random_stream(which, 8))
-        return Policy(explorer, "untrained", seed=which)
+        return Policy(untrained(task, which), "untrained", seed=which)
     raise InputError(f"policy is of the kind {kind!r}; it should be a cell, a baseline or untrained.")
-
-
-def _explorer(policy: GaussianPolicy, rng: np.random.Generator) -> Act:
-    """The policy as it explores: samples instead of its mean, drawn anew at each step."""
-    deviation = np.exp(policy.log_std.numpy())
-
-    def act(observations: np.ndarray) -> np.ndarray:
-        noise = rng.standard_normal((len(observations), policy.action_size), dtype=np.float32)
-        return policy.mean(observations) + deviation * noise
-
-    return act
 
 
 def effort(settings: Mapping[str, Any]) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
+from types import MappingProxyType
 from typing import Any
 
 from vic_toolbox.experiments.configuration import (
@@ -15,6 +16,14 @@ from vic_toolbox.experiments.configuration import (
 from vic_toolbox.experiments.study.definition import Budget, Study, Table
 from vic_toolbox.experiments.study.plan import Draft, row_name
 from vic_toolbox.learning import Recipe, TransferConfiguration
+
+CARRIED: Mapping[str, tuple[str, str, bool]] = MappingProxyType({
+    "no-transfer": ("no transfer", "", False),
+    "random": ("random reward", "random", False),
+    "fresh": ("fresh policy", "learned", True),
+    "fresh-random": ("fresh policy, random reward", "random", True),
+})  # fmt: skip
+"""Control of an AIRL policy → its words in the row, the reward, and whether it begins with random weights."""
 
 
 @dataclass(frozen=True)

@@ -155,3 +155,8 @@ def row_name(method: str, action: str, history: int) -> str:
     """What the paper calls the row of a learned policy."""
     past = {1: "", 5: "-His"}.get(history, f"-His{history}")
     return f"{action.capitalize()}-{method.upper()}{past}"
+
+
+def untrained_row(action: str) -> str:
+    """Name of the row of policies with random weights."""
+    return f"{action.capitalize()}, untrained with noise"

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from types import MappingProxyType
-
 from vic_toolbox.experiments.study.definition import Study, Table
-from vic_toolbox.experiments.study.learners import Learner, judge_cell, learners
-from vic_toolbox.experiments.study.plan import Draft, Role
+from vic_toolbox.experiments.study.learners import CARRIED, Learner, judge_cell, learners
+from vic_toolbox.experiments.study.plan import Draft, Role, untrained_row
 
 
 def transfer_table(draft: Draft, study: Study, table: Table) -> None:
@@ -49,9 +46,9 @@ def _controls(draft: Draft, study: Study, table: Table) -> None:
     for learner in learners(study, table):
         if learner.method == "airl":
             for control in table.controls:
-                if control not in _CARRIED or (_CARRIED[control][2] and not _may_be_fresh(learner)):
+                if control not in CARRIED or (CARRIED[control][2] and not _may_be_fresh(learner)):
                     continue
-                words, reward, fresh = _CARRIED[control]
+                words, reward, fresh = CARRIED[control]
                 for scenario in unseen:
                     if control == "no-transfer":
                         cell = learner.judge(draft, scenario)
@@ -64,15 +61,6 @@ def _controls(draft: Draft, study: Study, table: Table) -> None:
     for which in ("expert", "middle", "matched"):
         if which in table.controls:
             _baseline(draft, study, table, which, role="control")
-
-
-_CARRIED: Mapping[str, tuple[str, str, bool]] = MappingProxyType({
-    "no-transfer": ("no transfer", "", False),
-    "random": ("random reward", "random", False),
-    "fresh": ("fresh policy", "learned", True),
-    "fresh-random": ("fresh policy, random reward", "random", True),
-})  # fmt: skip
-"""Control of an AIRL policy → its words in the row, the reward, and whether it begins with random weights."""
 
 
 def _may_be_fresh(learner: Learner) -> bool:
@@ -95,7 +83,7 @@ def _untrained(draft: Draft, study: Study, table: Table) -> None:
                 )
                 draft.entry(
                     table=table.name,
-                    row=f"{action.capitalize()}, untrained with noise",
+                    row=untrained_row(action),
                     role="control",
                     method="untrained",
                     action=action,

@@ -7,8 +7,8 @@ from collections.abc import Iterator, Mapping
 from vic_toolbox.experiments.deployed import TRACES, Traces
 from vic_toolbox.experiments.figures.sim_to_real import velocity_responses
 from vic_toolbox.experiments.study.folder import Result, StudyFolder
+from vic_toolbox.experiments.study.learners import CARRIED
 from vic_toolbox.experiments.study.table import ResultTable
-from vic_toolbox.experiments.study.twin_table import NO_TRANSFER
 from vic_toolbox.experiments.task_views import Drawing
 
 
@@ -41,9 +41,10 @@ def _traces(
 ) -> dict[str, Traces]:
     """By row; methods and the fits beside them, without what is not learned."""
     found: dict[str, Traces] = {}
+    endings = tuple(f", {words}" for words, *_ in CARRIED.values())
     for entry in folder.plan.entries:
         mine = entry.table == table.name and entry.scenario == start and entry.method in ("airl", "bc")
-        mine = mine and not entry.row.endswith(NO_TRANSFER)  # one row for each way of learning is enough
+        mine = mine and not entry.row.endswith(endings)  # one row for each way of learning is enough
         file = folder.cell_path(entry.cell) / TRACES
         if mine and entry.row not in found and entry.cell in results and file.is_file():
             found[entry.row] = Traces.load(file)

@@ -13,11 +13,9 @@ from vic_toolbox.experiments.configuration import to_json
 from vic_toolbox.experiments.guided import WRENCH
 from vic_toolbox.experiments.session_settings import SessionSettings
 from vic_toolbox.experiments.study.definition import Study, Table
-from vic_toolbox.experiments.study.learners import Learner
-from vic_toolbox.experiments.study.plan import Draft, Role
+from vic_toolbox.experiments.study.learners import CARRIED, Learner
+from vic_toolbox.experiments.study.plan import Draft, Role, untrained_row
 
-NO_TRANSFER = ", no transfer"
-"""Ending of the row of a policy that was not carried over."""
 _BASELINES: Mapping[str, str] = {"human": "Human again", "true-gains": "True gains, replayed"}
 """Control → its row."""
 
@@ -48,14 +46,14 @@ class TwinLearner(Learner):
         }
         return draft.cell("train", f"{self.task}/train/{self.stem}", settings, needs=(source,))
 
-    def deploy(self, draft: Draft, policy: str, start: str, *, transferred: bool) -> str:
-        """A cell that runs the policy of a cell on the twin."""
+    def deploy(self, draft: Draft, policy: str, start: str, *, carried: str = "") -> str:
+        """A cell that runs the policy of a cell on the twin; ``carried`` says in its name how it was carried over."""
         return deploy_cell(
             draft,
             self.study,
             self.task,
             {"cell": policy},
-            stem=f"{self.stem}{'-transferred' if transferred else ''}",
+            stem=f"{self.stem}{carried}",
             start=start,
             seed=self.seed,
             action=self.action,
@@ -66,22 +64,39 @@ class TwinLearner(Learner):
 def twin_table(draft: Draft, study: Study, table: Table) -> None:
     """Add the cells of a table of deviations. At a new start, AIRL's policies are first carried over in simulation."""
     for learner in twin_learners(study, table):
-        words = f", {learner.fit} fit" if learner.beside else ""
+        row = f"{learner.row}, {learner.fit} fit" if learner.beside else learner.row
         role: Role = "control" if learner.beside else "method"
         for start in table.scenarios:
             moved = learner.method == "airl" and start != "train"
-            policy = learner.transfer(draft, start) if moved else learner.train(draft)
-            cell = learner.deploy(draft, policy, start, transferred=moved)
-            learner.entry(draft, table, start, cell, row=f"{learner.row}{words}", role=role)
-            if moved and "no-transfer" in table.controls:
-                cell = learner.deploy(draft, learner.train(draft), start, transferred=False)
-                row = f"{learner.row}{words}{NO_TRANSFER}"
-                learner.entry(draft, table, start, cell, row=row, role="control")
+            if moved:
+                cell = learner.deploy(draft, learner.transfer(draft, start), start, carried="-transferred")
+            else:
+                cell = learner.deploy(draft, learner.train(draft), start)
+            learner.entry(draft, table, start, cell, row=row, role=role)
+            if moved:
+                _controls(draft, learner, table, start, row=row)
     if "constant" in table.methods:
-        _baseline(draft, study, table, "constant", row="Constant gain", role="method")
+        _unlearned(draft, study, table, "constant", row="Constant gain", role="method")
+    if "untrained" in table.controls:
+        for action in table.actions:
+            row = untrained_row(action)
+            _unlearned(draft, study, table, "untrained", row=row, role="control", action=action)
     for control in table.controls:
         if control in _BASELINES:
-            _baseline(draft, study, table, control, row=_BASELINES[control], role="control")
+            _unlearned(draft, study, table, control, row=_BASELINES[control], role="control")
+
+
+def _controls(draft: Draft, learner: TwinLearner, table: Table, start: str, *, row: str) -> None:
+    """The policy at a new start without transfer, or carried over by another reward."""
+    for control in table.controls:
+        if control in CARRIED:
+            words, reward, _ = CARRIED[control]
+            if control == "no-transfer":
+                cell = learner.deploy(draft, learner.train(draft), start)
+            else:
+                policy = learner.transfer(draft, start, reward=reward)
+                cell = learner.deploy(draft, policy, start, carried=f"-{control}")
+            learner.entry(draft, table, start, cell, row=f"{row}, {words}", role="control")
 
 
 def twin_learners(study: Study, table: Table) -> Iterator[TwinLearner]:
@@ -128,24 +143,29 @@ def deploy_cell(
     return draft.cell("deploy", f"{task}/deploy/{stem}/{start}", settings, needs=needs)
 
 
-def _baseline(draft: Draft, study: Study, table: Table, which: str, *, row: str, role: Role) -> None:
+def _unlearned(
+    draft: Draft, study: Study, table: Table, which: str, *, row: str, role: Role, action: str = "gain"
+) -> None:
+    """A baseline on the robot of each seed, or the seed's policy with random weights."""
+    random = which == "untrained"
     for seed in study.seeds:
         for start in table.scenarios:
             cell = deploy_cell(
                 draft,
                 study,
                 table.task,
-                {"baseline": which},
-                stem=f"{which}-seed{seed}",
+                {"untrained": seed} if random else {"baseline": which},
+                stem=f"{action}-{which}-seed{seed}" if random else f"{which}-seed{seed}",
                 start=start,
                 seed=seed,
+                action=action,
             )
             draft.entry(
                 table=table.name,
                 row=row,
                 role=role,
                 method=which,
-                action="gain",
+                action=action,
                 history=1,
                 scenario=start,
                 seed=seed,
