@@ -90,11 +90,11 @@ def _controls(draft: Draft, learner: TwinLearner, table: Table, start: str, *, r
     """The policy at a new start without transfer, or carried over by another reward."""
     for control in table.controls:
         if control in CARRIED:
-            words, reward, _ = CARRIED[control]
+            words, reward, fresh = CARRIED[control]
             if control == "no-transfer":
                 cell = learner.deploy(draft, learner.train(draft), start)
             else:
-                policy = learner.transfer(draft, start, reward=reward)
+                policy = learner.transfer(draft, start, reward=reward, fresh=fresh)
                 cell = learner.deploy(draft, policy, start, carried=f"-{control}")
             learner.entry(draft, table, start, cell, row=f"{row}, {words}", role="control")
 
