@@ -84,8 +84,8 @@ def check_known(name: str, value: str, choices: Iterable[str]) -> None:
     choices = list(choices)
     if value not in choices:
         near = difflib.get_close_matches(value, choices, 1, 0.5)
-        hint = f"did you mean {near[0]!r}? " if near else ""
-        raise InputError(f"{name} has {value!r}; {hint}Choose from: {', '.join(choices)}.")
+        remedy = f"did you mean {near[0]!r}? Choose from" if near else "choose from"
+        raise InputError(f"{name} has {value!r}; {remedy}: {', '.join(choices)}.")
 
 
 def check_distinct(name: str, values: Iterable[Any], *, empty: bool = False) -> None:
